@@ -9,6 +9,7 @@ import itertools
 import math
 import os
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any, NamedTuple
@@ -58,8 +59,8 @@ where frames are more than half a pixel off.
 class Bursts(NamedTuple):
     """The bursts that are compared, and the kind of the moving one."""
 
-    still: tuple[ms.TimedFrame, ...]
-    moving: tuple[ms.TimedFrame, ...]
+    still: Sequence[ms.TimedFrame]
+    moving: Sequence[ms.TimedFrame]
     kind: str
 
 

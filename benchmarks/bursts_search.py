@@ -162,7 +162,7 @@ def transfer(frame: Any, f: Float[np.ndarray, "m"], speeds: Any) -> Any:
 
 def share_of_limits(scene: Scene, sequence: FrameSequence) -> float:
     """The largest share of a limit that a sampled path takes, from rest to rest."""
-    path, limits = sequence.stage_path_within(scene.limits), scene.limits
+    path, limits = sequence.stage_paths_within(scene.limits).get(""), scene.limits
     if path is None:
         return 0.0
     time = np.linspace(path.times[0], path.times[-1], 200_001)
@@ -205,12 +205,13 @@ def main(*arguments: str) -> None:
     log = Path(arguments[0]) if arguments else None
     lines = log.read_text("utf-8").splitlines() if log is not None and log.exists() else []
     rows = [json.loads(line) for line in lines]
-    for index in range(len(rows), NUM_SCENES):
+    for index in sorted({*range(NUM_SCENES)} - {row["scene"] for row in rows}):
         rows.append(measured(index))
         print(rows[-1], flush=True)
         if log is not None:
             with log.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1], default=float) + "\n")
+    rows.sort(key=lambda row: row["scene"])
     harness.write("bursts_search", rows)
     gains = np.array([row["gain, dB"] for row in rows])
     shown = [{k: f"{x:.2f}" if isinstance(x, float) else x for k, x in row.items()} for row in rows]

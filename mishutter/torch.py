@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import torch
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, PyTree
 from torch import Tensor
 
 from mishutter._core.checks import (
@@ -42,7 +42,7 @@ Camera = Callable[..., tuple[AbstractMotion, AbstractShutter]]
 """A motion and a shutter as a function of arrays."""
 
 
-def differentiable(function: Callable[..., Any]) -> Callable[..., Any]:
+def differentiable(function: Callable[..., PyTree]) -> Callable[..., PyTree]:
     """A function of JAX as one that PyTorch differentiates, as often as JAX does.
 
     Kernels, losses and metrics of the package are such functions. What it returns is one array, or
@@ -65,7 +65,7 @@ def differentiable(function: Callable[..., Any]) -> Callable[..., Any]:
         -0.50
     """
 
-    def of_tensors(*tensors: Tensor) -> Any:
+    def of_tensors(*tensors: Tensor) -> PyTree:
         _require_floating("differentiable(...)", tensors)
         require(bool(tensors), "differentiable(...)", "be called with a tensor", 0)
         structures = []
@@ -187,7 +187,7 @@ def _numbers_of(subject: str, tensors: Iterable[Tensor]) -> list[Array]:
     return numbers
 
 
-def _as_tensor(array: ArrayLike, dtype: Any, device: Any) -> Tensor:
+def _as_tensor(array: ArrayLike, dtype: torch.dtype, device: torch.device) -> Tensor:
     # A copy: arrays of JAX may not be written to.
     return torch.from_numpy(np.array(array)).to(device=device, dtype=dtype)
 
@@ -414,5 +414,5 @@ def _filtered(rows: Tensor, response: Tensor) -> Tensor:
     return torch.fft.irfft(torch.fft.rfft(rows) * response, rows.shape[-1])
 
 
-def _complex_of(like: Tensor) -> Any:
+def _complex_of(like: Tensor) -> torch.dtype:
     return torch.complex64 if like.dtype == torch.float32 else torch.complex128

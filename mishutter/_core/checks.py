@@ -30,6 +30,8 @@ RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
 Numbers = Array | np.ndarray
 """Arrays of NumPy where they are known, of JAX elsewhere."""
+Alike = TypeVar("Alike", Array, np.ndarray)
+"""Arrays of JAX of which arrays of JAX are made, and of NumPy those of NumPy."""
 
 
 def all_concrete(tree: PyTree) -> bool:

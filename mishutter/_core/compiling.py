@@ -65,7 +65,7 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
                 _TRACING.allowed = False
 
     @lru_cache
-    def program() -> Any:
+    def program() -> Callable[..., _Result]:
         compile_with: Any = eqx.filter_jit
         return compile_with(alone, compiler_options=_quick_options())
 

@@ -26,9 +26,10 @@ class Section(BaseModel):
 
 
 File = TypeVar("File", bound=Section)
+_Parsed = TypeVar("_Parsed")
 
 
-def parsed(parse: Callable[[str], Any], content: bytes, name: str, form: str) -> Any:
+def parsed(parse: Callable[[str], _Parsed], content: bytes, name: str, form: str) -> _Parsed:
     """The parsed contents of a text file."""
     try:
         return parse(content.decode("utf-8-sig"))

@@ -7,18 +7,19 @@ which the discrete Fourier transform is the spectrum of the band-limited scene t
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from types import ModuleType
+from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
 import scipy.fft
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core.checks import is_concrete, namespace_of, require
-from mishutter.evaluation.instants import Frames, Instants
+from mishutter._core.checks import Alike, Numbers, is_concrete, namespace_of, require
+from mishutter.evaluation.instants import Instants
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import FramePath
+from mishutter.model.sequences import Frames, frames_in
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
 irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]
@@ -31,6 +32,10 @@ MARGIN = 64
 """Pixels beyond the reach of the blur, in which the waves of an end of the picture die away."""
 ONE_BAND = 0.05
 """Way of anything over the time in which the rows of a band are exposed one after another; px."""
+PX_A_NODE = 0.4
+"""Way of anything between neighbouring delays of rows, where those between are interpolated; px."""
+_LEAST_SHARE = 1e-6
+"""Share of a picture in a row below which it is none."""
 MAX_REACH = 1 << 13
 """Furthest that light of a capture may be displaced; px."""
 
@@ -72,6 +77,32 @@ def bands_of(sensor: Sensor, num_rows: int, fastest: float, most: float = ONE_BA
     return [Band(float(np.mean(delays[each])), each) for each in rows]
 
 
+def nodes_of(
+    sensor: Sensor, num_rows: int, fastest: float
+) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d rows"]]:
+    """Delays of a few rows, and the share that a picture at each has in each row, by a spline.
+
+    Rows are taken by themselves where these are not fewer.
+
+    Args:
+        sensor: The sensor.
+        num_rows: Rows of the picture.
+        fastest: Greatest speed of anything on the sensor; px/s.
+    """
+    from scipy.interpolate import CubicSpline
+
+    delays = sensor.row_delays(num_rows)
+    low, high = float(np.min(delays)), float(np.max(delays))
+    way = fastest * (high - low)
+    if way <= ONE_BAND:
+        return np.array([(low + high) / 2]), np.ones((1, num_rows))
+    if 3 + way / PX_A_NODE >= num_rows:
+        return delays, np.eye(num_rows)
+    nodes = np.linspace(low, high, 4 + int(way / PX_A_NODE))
+    shares = CubicSpline(nodes, np.eye(nodes.size))(delays).T
+    return nodes, np.where(np.abs(shares) < _LEAST_SHARE, 0.0, shares)
+
+
 def pixel_by_pixel(
     spectrum: Complex[np.ndarray, "... k"],
     response: Complex[np.ndarray, "pixels k"],
@@ -111,13 +142,10 @@ def instants_within_reach(
 ) -> Instants:
     """Instants of frames at a velocity that displaces light by no more than `MAX_REACH`."""
     speed = float(np.hypot(*velocity) if velocity.size > 1 else abs(velocity[0]))
-    if isinstance(frames, FramePath):
-        latest = float(np.ptp(frames.times) + (frames.exposures[0] + frames.exposures[-1]) / 2)
-    else:
-        latest = max(abs(float(frame.time)) + frame.exposure / 2 for frame in frames)
+    longest = speed * float(np.max(np.asarray(frames_in(frames).exposures)))
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
-    require(speed * latest <= 2 * MAX_REACH, subject, requirement, speed * latest)
+    require(longest <= 2 * MAX_REACH, subject, requirement, longest)
     instants = Instants.of(frames, speed, delay=delay)
     reach = max(instants.reach(velocity[None]))
     require(reach <= MAX_REACH, subject, requirement, reach)
@@ -139,7 +167,7 @@ def period_of(columns: int, reach: int, border: str) -> int:
     return fast_length(columns + 2 * (reach + MARGIN))
 
 
-def continued(rows: Any, period: int, border: str) -> Any:
+def continued(rows: Alike, period: int, border: str) -> Alike:
     """Rows continued by a border rule to one period of `period_of`, their own pixels first.
 
     Mirrored rows repeat themselves after twice their length. Rows that go on as their last pixel
@@ -198,6 +226,6 @@ def channels_last(planes: Planes, like: ArrayLike) -> Planes:
     return picture[..., 0] if np.ndim(like) == 2 else picture
 
 
-def _in_its_space(values: Any) -> tuple[Any, Any]:
+def _in_its_space(values: ArrayLike) -> tuple[ModuleType, Numbers]:
     """NumPy and its array of concrete rows; JAX's NumPy and the rows where they are traced."""
-    return (np, np.asarray(values)) if is_concrete(values) else (jnp, values)
+    return (np, np.asarray(values)) if is_concrete(values) else (jnp, jnp.asarray(values))

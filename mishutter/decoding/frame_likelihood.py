@@ -48,7 +48,7 @@ from mishutter.evaluation.instants import Instants
 from mishutter.model.exposures import path_for_rows
 from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, power_on_grid
-from mishutter.model.sequences import FramePath, Frames
+from mishutter.model.sequences import Frames, frames_in
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
@@ -88,15 +88,12 @@ class Prior(NamedTuple):
 
 def times_of(taken: Frames) -> Float[np.ndarray, "n"]:
     """Mid-exposures; s."""
-    each = taken.times if isinstance(taken, FramePath) else [frame.time for frame in taken]
-    return np.asarray(each, np.float64)
+    return np.asarray(frames_in(taken).times, np.float64)
 
 
 def exposures_of(taken: Frames) -> Float[np.ndarray, "n"]:
     """Exposures; s."""
-    is_path = isinstance(taken, FramePath)
-    each = taken.exposures if is_path else [frame.exposure for frame in taken]
-    return np.asarray(each, np.float64)
+    return np.asarray(frames_in(taken).exposures, np.float64)
 
 
 class Level(NamedTuple):
@@ -180,7 +177,7 @@ class Own(NamedTuple):
     @property
     def num_axes(self) -> int:
         """Axes of the plane, or one of an axis."""
-        return 2 if isinstance(self.taken, FramePath) else 1
+        return frames_in(self.taken).num_axes
 
     def level(
         self,

@@ -66,6 +66,7 @@ class AbstractRolledFrame(ABC):
         """Square of the response in the mean over rows."""
 
 
+Response = Complex[np.ndarray, "..."] | AbstractRolledFrame
 Responses = Complex[np.ndarray, "frames ..."] | Sequence[AbstractRolledFrame]
 """The way from a picture to each frame: a response on the canvas, or one for each row."""
 
@@ -112,13 +113,15 @@ class Canvas(NamedTuple):
         """The sensor's part of pictures."""
         return self.picture(spectrum)[self.window]
 
-    def through(self, response: Any, spectrum: Complex[np.ndarray, "..."]) -> np.ndarray:
+    def through(self, response: Response, spectrum: Complex[np.ndarray, "..."]) -> np.ndarray:
         """The sensor's part of pictures through a response."""
         if isinstance(response, AbstractRolledFrame):
             return response.seen(spectrum)
         return self.seen(spectrum * response)
 
-    def told(self, response: Any, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
+    def told(
+        self, response: Response, frame: Float[np.ndarray, "..."]
+    ) -> Complex[np.ndarray, "..."]:
         """The adjoint of `through`, of a frame less its levels where nothing is known of them."""
         if isinstance(response, AbstractRolledFrame):
             return response.told(self.known(frame))
@@ -241,7 +244,7 @@ def _by_gradients(
         """Inner products of pictures, from half of their spectra."""
         return mean_over_dft(np.real(first.conj() * second), *shape)
 
-    def along(numbers: Any) -> np.ndarray:
+    def along(numbers: np.ndarray) -> np.ndarray:
         """A number for each picture."""
         return numbers.astype(dtype).reshape(*numbers.shape, *[1] * len(shape))
 
@@ -474,7 +477,7 @@ def detail_of(
     window /= math.sqrt(float(np.sum(window**2)))
     power = np.abs(rfftn(frames * window, shape, axes=range(-num_axes, 0))) ** 2
     power = np.mean(power.reshape(len(frames), -1, *power.shape[-num_axes:]), axis=1)
-    recorded = sum(one / noise - 1 for one, noise in zip(power, noises, strict=True))
+    recorded = np.sum([one / noise - 1 for one, noise in zip(power, noises, strict=True)], axis=0)
     grid = (*expected.shape[:-1], 2 * (expected.shape[-1] - 1))
     edges = np.geomspace(lowest, 0.5, 7)
     scales = []
@@ -484,7 +487,7 @@ def detail_of(
     return Detail(np.sqrt(edges[:-1] * edges[1:]), np.array(scales))
 
 
-def _mean_between(power: Any, shape: tuple[int, ...], low: float, high: float) -> float:
+def _mean_between(power: np.ndarray, shape: tuple[int, ...], low: float, high: float) -> float:
     """Mean power between two frequencies of half of a DFT."""
     radius = reduce(np.hypot, frequencies_along(shape))
     inside = (radius >= low) & (radius <= high)

@@ -16,7 +16,7 @@ DFT.
 import math
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
 import jax
 import numpy as np
@@ -308,7 +308,7 @@ class FrameInTurn(AbstractRolledFrame):
         fine = np.zeros((*passed.shape[:2], self._fine, passed.shape[3]), passed.dtype)
         for part in self._parts:
             fine[:, :, part] = passed[:, :, part]
-        waves: Any = scipy.fft.ifft(fine, axis=2, norm="forward", overwrite_x=True)
+        waves = np.asarray(scipy.fft.ifft(fine, axis=2, norm="forward", overwrite_x=True))
         rows = self._rows @ waves.reshape(-1, passed.shape[3])
         rows = rows.reshape(len(spectrum), -1, passed.shape[3]) / length
         return irfftn(self._turn * rows, (canvas.shape[1],), axes=(2,))[..., canvas.window[-1]]
@@ -322,7 +322,7 @@ class FrameInTurn(AbstractRolledFrame):
         fine = (self._rows.T @ rows.reshape(-1, rows.shape[2])).reshape(
             count, -1, self._fine, rows.shape[2]
         )
-        waves: Any = scipy.fft.fft(fine, axis=2, overwrite_x=True)
+        waves = np.asarray(scipy.fft.fft(fine, axis=2, overwrite_x=True))
         kept = np.concatenate([waves[:, :, part] for part in self._parts], axis=2)
         return np.sum(self._spread.conj() * kept, axis=1)
 

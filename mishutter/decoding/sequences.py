@@ -201,9 +201,11 @@ def picture_at(
     return _as_frame(picture, light, scene.sensor.axis)
 
 
-def _as_frame(picture: Float[np.ndarray, "rows columns colours"], light: Any, axis: Axis) -> Planes:
+def _as_frame(
+    picture: Float[np.ndarray, "rows columns colours"], light: Planes, axis: Axis
+) -> Planes:
     """A picture of distinct colours in the form of a frame."""
-    whole: Any = every_colour(picture, light[0]) if light.ndim == 4 else picture[..., 0]
+    whole = every_colour(picture, light[0]) if light.ndim == 4 else picture[..., 0]
     return as_float(transposed(whole, axis))
 
 

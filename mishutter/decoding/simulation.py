@@ -142,7 +142,7 @@ def capture_and_restore(
         require(shutter is None, f"{function}(shutter=...)", "be left to the exposures", shutter)
     else:
         exposures = Exposures.of_one(motion, RectShutter() if shutter is None else shutter)
-    in_plane, is_one = len(exposures.axes) == 2, exposures.shutter is not None
+    in_plane, is_one = exposures.in_plane, exposures.shutter is not None
     require_scene(scene, in_plane=in_plane)
     require_positive_int(f"{function}(rows_at_once=...)", rows_at_once)
     require_key(f"{function}(key=...)", key)
@@ -216,7 +216,7 @@ def _restored(
     is_one, frames = exposures.shutter is not None, exposures.frames
     shows = known.outlines is not None or shows_objects(scene, frames, by_object)
     is_by_object = shows and not is_one
-    if is_by_object or len(exposures.axes) == 2:
+    if is_by_object or exposures.in_plane:
         report("restoring", 0.0)
         result = restore_frames(
             captured,
@@ -298,7 +298,7 @@ def photograph_by_frames(
         result = capture_and_restore(picture, scene, sequence, speed=speed, key=own_key)
         taken = sequence.along[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
-        moved = round(speed * taken.time - taken.position)
+        moved = round(float(speed * taken.time - taken.position))
         captured.append(np.roll(frame, moved, axis=1))
         restored.append(light)
         doubts.append("" if result.found is None else result.found.doubt)

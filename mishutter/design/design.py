@@ -87,7 +87,7 @@ class AbstractDesign(ABC):
         """The frames of its burst as plain numbers, by their name in its file."""
         if self.sequence is None:
             return {}
-        name = "sequence" if self.sequence.path is None else "plane"
+        name = "plane" if self.sequence.in_plane else "sequence"
         return {name: frames_to_dict(self.sequence)}
 
     @classmethod
@@ -330,7 +330,7 @@ class PlaneDesign(AbstractDesign):
     @property
     def frames(self) -> FramePath:
         """The frames, and the path of the sensor through them."""
-        return self.sequence.path  # type: ignore[return-value]
+        return self.sequence.frames  # type: ignore[return-value]
 
     @property
     def stage_paths(self) -> tuple[StagePath, ...] | None:
@@ -424,8 +424,8 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, object]:
 
 def frames_to_dict(burst: Exposures) -> dict[str, object]:
     """Kind, level and frames of a burst; on an axis the places are of the stage."""
-    if burst.path is not None:
-        frames = burst.path
+    frames = burst.frames
+    if isinstance(frames, FramePath):
         return {
             "kind": burst.kind,
             "num_axes": burst.num_axes,
@@ -443,7 +443,7 @@ def frames_to_dict(burst: Exposures) -> dict[str, object]:
             "position_px": frame.position,
             "motion": motion_to_dict(frame.motion),
         }
-        for frame in burst.along
+        for frame in frames
     ]
     levels = {"psnr_db": burst.psnr, "worst_speed_psnr_db": burst.worst_psnr}
     losses = {

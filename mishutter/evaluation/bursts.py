@@ -200,7 +200,7 @@ class StillBursts:
 
                 # Not all valleys are seen from one place.
                 start, bounds = min(pair.starts, key=lambda x: left(x, pair)), [(0, 1)] * 2
-                end: Any = minimize(left, start, (pair,), method="Nelder-Mead", bounds=bounds)
+                end = minimize(left, start, (pair,), method="Nelder-Mead", bounds=bounds)
                 found.append((float(end.fun), pair.at(end.x)))
         error, kinds = min(found)
         level = psnr_of_error(error)

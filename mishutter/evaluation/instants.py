@@ -19,13 +19,12 @@ from jaxtyping import ArrayLike, Float
 
 from mishutter._core.checks import (
     all_concrete,
-    common_dtype,
     namespace_of,
     primal_values,
     require,
 )
 from mishutter._core.compiling import outside_trace
-from mishutter.model.sequences import FramePath, Frames, Lights, TimedFrame
+from mishutter.model.sequences import Frames, Lights, frames_in
 
 NODES = 16
 """Nodes of a panel."""
@@ -75,16 +74,20 @@ class Instants(NamedTuple):
             known, fastest = primal_values((frames, fastest))
             is_known, requirement = all_concrete((known, fastest)), "be given where JAX traces them"
             require(is_known, "exposures_psnr(num_panels=...)", requirement, num_panels)
-            way = _longest_way(known, float(np.asarray(fastest))) / size
+            way = frames_in(known).longest_way(float(np.asarray(fastest))) / size
             require(math.isfinite(way), "exposures_psnr(exposures=...)", "be finite numbers", way)
             num_panels = panels_for(way)
         with outside_trace() if all_concrete(frames) else nullcontext():
-            if isinstance(frames, FramePath):
-                instants = _on_path(frames, lights, num_panels, delay)
-            else:
-                requirement = "be 0 for frames without the path between them"
-                require(delay == 0, "Instants.of(delay=...)", requirement, delay)
-                instants = _on_axis(frames, lights, num_panels)
+            taken = frames_in(frames)
+            if all_concrete(frames):
+                taken = jax.tree.map(lambda x: np.asarray(x, np.float64), taken)
+            begin, end = _lights(taken.times, taken.exposures, lights)
+            begin, end = begin + delay, end + delay
+            time, weight = _nodes(begin, end, taken.cuts(begin, end, delay), num_panels)
+            middle, at = taken.middle
+            place = taken.place(time) - at[:, None, None]
+            since = time - middle
+            instants = Instants(since, place, weight, end - begin)  # type: ignore[arg-type]
         return instants if size == 1 else instants._replace(place=instants.place / size)
 
     def held(self, speeds: ArrayLike, subject: str, num_panels: int) -> "Instants":
@@ -140,13 +143,6 @@ def panels_for(way: float) -> int:
     return step * math.ceil(panels / step)
 
 
-def _longest_way(frames: Frames, fastest: float) -> float:
-    """Longest way over the sensor within an exposure, of anything up to a speed; px."""
-    if isinstance(frames, FramePath):
-        return (frames.top_speed + fastest) * float(np.max(np.asarray(frames.exposures)))
-    return max((float(x.motion.top_speed) + fastest) * float(x.motion.exposure) for x in frames)
-
-
 def _nodes(begin: Any, end: Any, cuts: Any, num_panels: int) -> tuple[Any, Any]:
     """Times of nodes and their weights, between two times and at cuts between them; `(n, q)`."""
     space, dtype = namespace_of(begin, end, cuts), begin.dtype
@@ -164,69 +160,9 @@ def _nodes(begin: Any, end: Any, cuts: Any, num_panels: int) -> tuple[Any, Any]:
     return time, (share[..., None] * weight[None, None]).reshape(begin.size, -1)
 
 
-def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: int) -> Instants:
-    """Instants of frames along an axis, on the clock of their own times."""
-    numbers = [(x.time, x.position, x.motion.half_exposure) for x in frames]
-    times, places, halves = _rows(numbers)
-    begin, end = _lights(times, 2 * halves, lights)
-    inner = [[*map(float, x.motion.piece_ends[1:-1])] for x in frames]
-    ends = np.ones((len(frames), max(map(len, inner))), times.dtype)
-    for row, each in zip(ends, inner, strict=True):
-        row[: len(each)] = each
-    cuts = times[:, None] + halves[:, None] * ends
-    time, weight = _nodes(begin, end, cuts, num_panels)
-    space = namespace_of(times, places, halves)
-
-    def placed(at: Any) -> Any:
-        rows = [x.motion.position(one - t) for x, one, t in zip(frames, at, times, strict=True)]
-        return places[:, None] + space.stack(rows).astype(times.dtype)
-
-    # The sensor has a place at the middle of the sequence, be a frame exposed then or not.
-    near = space.clip(0 * times, times - halves, times + halves)
-    order, at = space.argsort(near), placed(near[:, None])[:, 0]
-    middle = space.interp(0 * near[0], near[order], at[order])
-    return Instants(time, (placed(time) - middle)[None], weight, end - begin)
-
-
-def _on_path(frames: FramePath, lights: Lights | None, num_panels: int, delay: float) -> Instants:
-    """Instants of frames along a path, from the middle between the first light and the last."""
-    if all_concrete(frames):
-        frames = jax.tree.map(lambda x: np.asarray(x, np.float64), frames)
-    times, exposures = frames.times, frames.exposures
-    begin, end = _lights(times, exposures, lights)
-    first, last = _lights(times, exposures, None)
-    middle = (first[:1] + last[-1:]) / 2
-    begin, end = begin + delay, end + delay
-    cuts = begin[:, None][:, :0]
-    if frames.lead or delay:  # a path for rows
-        cuts = _within(frames.bends, begin, end)
-    time, weight = _nodes(begin, end, cuts, num_panels)
-    place: Any = frames.place(time) - frames.place(middle)[..., None]
-    return Instants(time - middle[0], place, weight, end - begin)
-
-
-def _within(
-    bends: Float[np.ndarray, "k"], begin: Float[np.ndarray, "n"], end: Float[np.ndarray, "n"]
-) -> Float[np.ndarray, "n c"]:
-    """Bends of a path within each exposure, beside its end where there are fewer than in others."""
-    inner = [bends[(bends > low) & (bends < high)] for low, high in zip(begin, end, strict=True)]
-    cuts = np.tile(end[:, None], max(each.size for each in inner))
-    for row, each in zip(cuts, inner, strict=True):
-        row[: each.size] = each
-    return cuts
-
-
 def _lights(times: Any, exposures: Any, lights: Lights | None) -> tuple[Any, Any]:
     """First and last light of exposures."""
     if lights is None:
         return times - exposures / 2, times + exposures / 2
     begin, end = np.transpose(np.asarray(lights)).astype(times.dtype)
     return begin, end
-
-
-def _rows(numbers: Sequence[tuple[Any, ...]]) -> Any:
-    """Columns of numbers: of NumPy, in double precision, where all are concrete."""
-    if all_concrete(numbers):
-        return np.array(numbers, np.float64).T
-    dtype = common_dtype(*(x for row in numbers for x in row if hasattr(x, "dtype")))
-    return jnp.array([[jnp.asarray(x, dtype) for x in row] for row in numbers]).T

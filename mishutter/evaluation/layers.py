@@ -24,7 +24,7 @@ $e^{-2\pi i f[(1 - u)D(s_0) + u D(s_1) - D(s_k)]}$, $u = (s_k - s_0)/(s_1 - s_0)
 import math
 from collections.abc import Callable
 from functools import lru_cache, reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -50,6 +50,10 @@ _EVEN_BELOW = 0.02
 """Frequency below which the frequencies of a search lie in even steps, cycles/px."""
 _NEIGHBOURS = 6
 """Effective speeds, or frequencies, that a value is interpolated from."""
+
+
+Wave = tuple[Array, Array]
+"""Cosine and sine of a wave."""
 
 
 class _Fineness(NamedTuple):
@@ -534,7 +538,7 @@ class _Knots(NamedTuple):
         begin, step = (distance * (-2 * np.pi * f) for f in (shares.first, shares.step))
         c, s = jnp.cos(step), jnp.sin(step)
 
-        def turned(wave: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], Any]:
+        def turned(wave: Wave, _: None) -> tuple[Wave, Wave]:
             cosine, sine = wave
             return (cosine * c - sine * s, sine * c + cosine * s), wave
 

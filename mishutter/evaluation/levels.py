@@ -52,7 +52,7 @@ from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
-from mishutter.model.sequences import AT_REST, Frames, Lights, num_frames_of
+from mishutter.model.sequences import AT_REST, Frames, Lights, frames_in
 from mishutter.model.velocities import Components
 
 _DELAYS = 5
@@ -132,7 +132,8 @@ def rows_of(
     readout, frames = scene.sensor.readout_time, _alone(exposures)
     if not readout or isinstance(exposures, Instants) or isinstance(frames, Instants):
         return [(1.0, instants_of(scene, frames, caller, lights, num_panels))]
-    require(num_frames_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    count, words = frames_in(frames).num_frames, "hold one exposure at least"
+    require(count > 0, f"{caller}(exposures=...)", words, 0)
     path = path_for_rows(scene, exposures)
     way = path.top_speed * float(np.max(np.asarray(path.exposures)))
     x, weight = np.polynomial.legendre.leggauss(_DELAYS if way >= AT_REST else 1)
@@ -159,7 +160,8 @@ def instants_of(
     """Instants of exposures for all velocities of a scene, for a row of some delay."""
     if isinstance(frames, Instants):
         return frames
-    require(num_frames_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    count, words = frames_in(frames).num_frames, "hold one exposure at least"
+    require(count > 0, f"{caller}(exposures=...)", words, 0)
     fastest = 0.0
     if num_panels is None:
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))

@@ -10,13 +10,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import Unquoted, require, require_finite, require_scalar
-from mishutter.design.design import AbstractDesign
+from mishutter.design.design import AbstractDesign, Kind
 from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
 from mishutter.model.motion import FreeMotion
 from mishutter.model.sequences import FramePath, Lights, TimedFrame
@@ -135,8 +135,8 @@ def _unit(columns: TimedColumns, column: str, pitch: float | None, name: str) ->
 
 
 def with_recorded_path(
-    design: Any, path: RecordedPath, *, middle: float = 0.0, name: str = "path"
-) -> tuple[Any, PathDifference]:
+    design: Kind, path: RecordedPath, *, middle: float = 0.0, name: str = "path"
+) -> tuple[Kind, PathDifference]:
     """A design whose sensor was where an encoder recorded its stage, and how far that is off.
 
     Args:
@@ -163,7 +163,7 @@ def with_recorded_path(
     spline = _Spline.through(path, taken.lights, middle, name)
     planned = taken.place(_times(taken.lights))
     pan = np.atleast_1d(taken.pan)
-    if taken.path is None:
+    if not taken.in_plane:
         frames = tuple(spline.frame(frame, float(pan[0])) for frame in taken.along)
     else:
         times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
@@ -172,7 +172,7 @@ def with_recorded_path(
     as_recorded = replace(taken, frames=frames)
     is_one = design.sequence is None
     changed = {"motion": as_recorded.motion} if is_one else {"sequence": as_recorded}
-    recorded = replace(design, **changed)
+    recorded = replace(design, **changed)  # type: ignore[type-var]
     return recorded, spline.difference(taken.lights, planned, pan)
 
 

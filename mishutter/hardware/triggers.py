@@ -76,7 +76,7 @@ class FrameTable(AbstractTable):
     def places(self) -> dict[str, np.ndarray]:
         """Places at mid-exposure of each frame, by their names and unit."""
         middles, taken = np.array(self.exposures.times), self.exposures
-        if len(taken.axes) == 1:
+        if not taken.in_plane:
             return {"sensor there / px": taken.place(middles[:, None])[0, :, 0]}
         return {f"stage {end[1:]} / px": path.at(middles)[0] for end, path in self.paths.items()}
 

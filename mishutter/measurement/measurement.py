@@ -13,7 +13,7 @@ from mishutter.measurement.noise import Noise, noise_of
 from mishutter.measurement.scene import Measurement, along_axis
 from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
 from mishutter.measurement.steady import bands_of_light, steady
-from mishutter.measurement.texture import averaged, is_mosaic, light_of_texture
+from mishutter.measurement.texture import averaged, is_empty, is_mosaic, light_of_texture
 from mishutter.model.scene_units import View
 from mishutter.model.sensor import RowsRead, Sensor
 
@@ -107,12 +107,16 @@ def measure(
         along = along_axis(motion.objects)
         axis = "rows" if along is None else along.axis
         ends = noise.black_level, frames.white
-        light = light_of_texture(picture, motion.labels == 0, noise.law, ends, axis)
         levels = (picture.levels - ends[0]) / (ends[1] - ends[0])
+        at_rest, mean = motion.labels == 0, None
+        on_empty = is_empty(picture, at_rest, noise.law, ends[0])
+        if on_empty:  # the picture is that of the objects
+            at_rest, mean = ~at_rest, float(levels[~at_rest].mean())
+        light = light_of_texture(picture, at_rest, noise.law, ends, axis, mean=mean)
     difference = _level_difference(levels, motion)
     name = Path(name).name if name else "an array"
     return Measurement(
-        name, frames, noise, motion, light, difference, pixel_pitch, px_per_mm, sensor
+        name, frames, noise, motion, light, difference, pixel_pitch, px_per_mm, sensor, on_empty
     )
 
 

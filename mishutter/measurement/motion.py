@@ -1,9 +1,7 @@
 """Objects of a clip: their velocities, where they are, and what stands still.
 
-Beginning with rest, the velocity is taken that explains most of the tiles better than those before
-it, until none does. Every pixel of a reference frame then belongs to the velocity along which the
-frames about it differ least, and connected pixels are an object, whose velocity is refined over
-more and more frames.
+Connected pixels of a reference frame that one velocity explains are an object, whose velocity is
+refined over more and more frames.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,26 +13,16 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from mishutter.measurement.estimates import Estimate
-from mishutter.measurement.sweep import ROBUST, TILE, Box, Region, Smoothed, Sweep, swept
+from mishutter.pictures.registration.search import AROUND, EXPLAINED, SEPARATE, WINDOW, searched
+from mishutter.pictures.registration.sweep import ROBUST, Region, Smoothed, Sweep
+from mishutter.pictures.registration.windows import Window
 
 MOST_FRAMES = 16
 """Frames about the middle of a clip in which motion is looked for."""
 MOST_PIXELS = 1_200_000
 """Pixels of a frame above which it is averaged first."""
-_WINDOW = 4
-"""Frames that are swept at once."""
-_AROUND = 2
-"""Frames to either side of the reference by which pixels are labelled."""
 _LEAST_AREA = 500
 """Pixels of the least object."""
-_EXPLAINED = 4.0
-"""Residual over noise along the best velocity beyond which none explains a pixel."""
-_SMOOTHING = 2.5
-"""Gaussian that the residuals of pixels are averaged under; px."""
-_FAR = 50.0
-"""Residual over noise of a pixel that is not seen, and the greatest that counts."""
-_SEPARATE = 0.5
-"""Distance of velocities over the labelled frames within which they are one; px."""
 _STEP_ERROR = 0.05
 """Error of a step of an object from one frame to the next; px."""
 _WIDE = 5
@@ -135,15 +123,16 @@ def motion_of(
         rows, columns = (n // scale for n in size)
         cut = frames[:, : rows * scale, : columns * scale]
         frames = cut.reshape(-1, rows, scale, columns, scale).mean(axis=(2, 4)) * scale
-    fine, rough = Smoothed.of(frames, 1.0), Smoothed.of(frames, 2.0)
     count = len(frames)
+    times = np.arange(count, dtype=np.float64)
+    smooth = Smoothed.of(frames, times, 1.0), Smoothed.of(frames, times, 2.0)
     # Objects are looked for in the places of frames that are spread over the clip.
     parts = min(3, max(1, count // 5))
     references = [int((i + 0.5) * count / parts) for i in range(parts)]
     views = []
     for number, reference in enumerate(references, 1):
         progress(f"velocities, reference frame {number} of {len(references)}")
-        views.append(_view(frames, fine, rough, reference))
+        views.append(_view(frames, smooth, reference))
     unit = scale * frames_per_s
     # Each object is listed once: as the best known of its appearances.
     objects: list[MovingObject] = []
@@ -186,164 +175,28 @@ def _words(objects: Sequence[MovingObject], first: int) -> list[str]:
     ]
 
 
-def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -> _View:
-    count = len(frames)
-    around = range(max(0, reference - _AROUND), min(count, reference + _AROUND + 1))
-    search = _Search(fine, rough, reference, around, [], [])
-    search.add(np.zeros(2), _costs(fine, np.zeros(2), reference, around))
-    # What is slow is swept over as long a time as there is.
-    sweeps = []
-    for stride in sorted({1, max(1, (count - 1) // (_WINDOW - 1))}):
-        numbers = _window(count, reference, stride)
-        sweeps.append(swept(frames[numbers], list(numbers).index(reference), stride))
-        search.over(sweeps[-1])
-    # What is slower than a step of the sweeps changes where no velocity explains it.
-    search.about_rest(2 * sweeps[-1].step)
-    return _labelled(fine, reference, np.array(search.velocities), np.array(search.costs), sweeps)
-
-
-class _Search(NamedTuple):
-    """A search for the velocities of what is seen in a reference frame."""
-
-    fine: Smoothed
-    rough: Smoothed
-    reference: int
-    around: Sequence[int]  # Frames by which pixels are labelled
-    velocities: list[np.ndarray]  # Those that were found; px a frame
-    costs: list[np.ndarray]  # Residual of each pixel along each
-
-    def add(self, velocity: np.ndarray, cost: np.ndarray) -> None:
-        """Add a velocity."""
-        self.velocities.append(velocity)
-        self.costs.append(cost)
-
-    def over(self, sweep: Sweep) -> None:
-        """Add the velocities of a sweep that explain most of the tiles, one after the other."""
-        current = sweep.logarithms[np.all(sweep.velocities == 0, axis=1)][0]
-        for velocity in self.velocities[1:]:
-            current = _explained(current, sweep, velocity)
-        tried, misses = sweep.near(np.zeros(2), 0.9), 0
-        while len(self.velocities) <= 12 and misses < 4:
-            gain = _gain(sweep, current)
-            gain[tried] = 0
-            best = int(gain.argmax())
-            if gain[best] < 0.4:  # over all tiles, in logarithms of residuals
-                break
-            tried |= sweep.near(sweep.velocities[best], 0.9)
-            tiles = current - sweep.logarithms[best] > 0.3  # those of its own
-            shape = self.costs[0].shape
-            mask = sweep.mask(tiles, shape) if tiles.any() else np.ones(shape, bool)
-            velocity = self.refined(sweep.velocities[best], sweep.step, mask)
-            if self.is_new(velocity):
-                current = _explained(current, sweep, velocity)
-            else:
-                misses += 1
-
-    def about_rest(self, width: float) -> None:
-        """Add velocities near rest, of what no other explains."""
-        changes = ndimage.binary_opening(np.min(self.costs, axis=0) > _EXPLAINED / 2, iterations=2)
-        parts = np.empty(changes.shape, np.int32)
-        ndimage.label(changes, output=parts)
-        for part in range(1, int(parts.max()) + 1):
-            if np.sum(parts == part) >= _LEAST_AREA // 2:
-                self.is_new(self.refined(np.zeros(2), width, parts == part))
-
-    def refined(self, velocity: np.ndarray, width: float, mask: np.ndarray) -> np.ndarray:
-        """The best velocity of a part of the picture, within a width about one."""
-        region = Region(self.rough, self.reference, self.around, mask)
-        velocity = region.best_of_grid(velocity, width)
-        velocity = region.descended(velocity, 0.25 * width, 0.1)
-        return region._replace(frames=self.fine).descended(velocity, 0.1, 0.025)
-
-    def is_new(self, velocity: np.ndarray) -> bool:
-        """Whether a velocity explains what none before it does; if so, it is added."""
-        # Where nothing tells, rest may be a little worse.
-        cost = _costs(self.fine, velocity, self.reference, self.around) + 0.15
-        won = (cost < 0.7 * np.min(self.costs, axis=0)) & (cost < _EXPLAINED)
-        area = ndimage.binary_opening(won, iterations=3).sum()
-        apart = min(np.hypot(*(velocity - other)) for other in self.velocities) * _AROUND
-        is_new = bool(area >= _LEAST_AREA and apart >= _SEPARATE)
-        if is_new:
-            self.add(velocity, cost)
-        return is_new
-
-
-def _explained(current: np.ndarray, sweep: Sweep, velocity: np.ndarray) -> np.ndarray:
-    """Logarithms of the residuals of tiles after one more velocity."""
-    near = sweep.near(velocity, 1.1)
-    return np.minimum(current, sweep.logarithms[near].min(axis=0)) if near.any() else current
-
-
-def _window(count: int, reference: int, stride: int) -> np.ndarray:
-    """Numbers of the frames that are swept, the reference among them."""
-    earlier, later = reference // stride, (count - 1 - reference) // stride
-    length = min(_WINDOW, earlier + 1 + later)
-    before = max(min(length // 2, earlier), length - 1 - later)
-    return reference + stride * (np.arange(length) - before)
-
-
-def _gain(sweep: Sweep, current: np.ndarray) -> Float[np.ndarray, "velocities"]:
-    """Logarithms of residuals by which each velocity is better, over all tiles."""
-    logarithms = sweep.logarithms
-    gains = np.where(np.isfinite(logarithms), current - logarithms - 0.1, 0)  # less counts as none
-    return np.maximum(gains, 0).sum(axis=(1, 2), where=np.isfinite(gains))
-
-
-def _costs(
-    fine: Smoothed, velocity: np.ndarray, reference: int, around: Sequence[int]
-) -> Float[np.ndarray, "rows columns"]:
-    """Residual over noise of each pixel along a velocity, by all frames or those of one side.
-
-    What hides a pixel, or is hidden by it, is often on one side alone.
-    """
-    rows, columns = fine.coefficients.shape[1:]
-    values, seen = fine.along(velocity, reference, around, Box(0, rows, 0, columns))
-    numbers = np.array(around)
-    sides = {
-        tuple(numbers),
-        tuple(numbers[numbers <= reference]),
-        tuple(numbers[numbers >= reference]),
-    }
-    least = np.full((rows, columns), _FAR)
-    for side in sides:
-        if len(side) < 2:
-            continue
-        chosen = np.isin(numbers, side)
-        count = seen[chosen].sum(axis=0)
-        mean = np.where(seen[chosen], values[chosen], 0).sum(axis=0) / np.maximum(count, 1)
-        squares = np.where(seen[chosen], (values[chosen] - mean) ** 2, 0).sum(axis=0)
-        residual = np.minimum(squares / np.maximum(count - 1, 1) / fine.variance, _FAR)
-        known = (count > 1).astype(float)
-        total = ndimage.gaussian_filter(residual * known, _SMOOTHING)
-        weight = ndimage.gaussian_filter(known, _SMOOTHING)
-        least = np.minimum(least, np.where(weight > 0.3, total / np.maximum(weight, 1e-3), _FAR))
-    return least
-
-
-def _labelled(
-    fine: Smoothed, reference: int, velocities: np.ndarray, costs: np.ndarray, sweeps: list[Sweep]
-) -> _View:
+def _view(frames: np.ndarray, smooth: tuple[Smoothed, Smoothed], reference: int) -> _View:
     """The objects: connected pixels of one velocity, each with a velocity of its own."""
-    best, least = costs.argmin(axis=0), costs.min(axis=0)
-    labels = np.zeros(best.shape, int)
+    found = searched(frames, smooth, reference, _LEAST_AREA)
+    labels = np.zeros(found.labels.shape, int)
     objects: list[MovingObject] = []
-    for number in range(1, len(velocities)):
-        parts = np.empty(best.shape, np.int32)
-        ndimage.label(ndimage.binary_opening(best == number, iterations=2), output=parts)
+    for number, velocity in enumerate(found.velocities[1:], 1):
+        parts = np.empty(labels.shape, np.int32)
+        ndimage.label(ndimage.binary_opening(found.labels == number, iterations=2), output=parts)
         for part in range(1, int(parts.max()) + 1):
             mask = np.asarray(ndimage.binary_fill_holes(parts == part))
             if mask.sum() < _LEAST_AREA:
                 continue
-            each, mask = _object(fine, reference, velocities[number], mask, sweeps)
+            each, mask = _object(smooth[0], reference, velocity, mask, found.sweeps)
             if each.lead <= 0:  # noise has made it up
                 continue
             objects.append(each)
             labels[mask & (labels == 0)] = len(objects)
     near = np.asarray(ndimage.binary_dilation(labels > 0, iterations=_WIDE))
-    unexplained = (least > _EXPLAINED) & (near == 0)
+    unexplained = (found.least > EXPLAINED) & (near == 0)
     is_wide = np.asarray(ndimage.binary_opening(unexplained, iterations=_WIDE), bool)
     labels[is_wide] = -1
-    return _View(objects, labels, 1 / (1 + np.maximum(least - 1, 0) ** 4))
+    return _View(objects, labels, 1 / (1 + np.maximum(found.least - 1, 0) ** 4))
 
 
 def _object(
@@ -363,7 +216,7 @@ def _object(
         other = region.descended(velocity, 0.25 / reach, 0.03 / reach)
         other, spread, left = region.polished(other)
         # An object that turns, or goes behind another, is measured while it does not.
-        if residual < np.inf and left > _EXPLAINED * max(residual, 1.0):
+        if residual < np.inf and left > EXPLAINED * max(residual, 1.0):
             break
         velocity, covariance, residual, used = other, spread, left, reach
         if reach >= farthest:
@@ -402,7 +255,7 @@ def _unlike_rest(
     Beside an object, what is dark and flat seems to move as well: its own pixels pass before more.
     """
     rows, columns = mask.shape
-    frames, _ = fine.along(np.zeros(2), reference, numbers, Box(0, rows, 0, columns))
+    frames, _ = fine.along(np.zeros(2), reference, numbers, Window.whole((rows, columns)))
     pixels = np.argwhere(mask)
     ways = [np.rint(velocity * (k - reference)).astype(int) for k in numbers]
     insides = [np.all((pixels + w >= 0) & (pixels + w < mask.shape), axis=1) for w in ways]
@@ -439,7 +292,7 @@ def _track(
             start = min(starts, key=region.cost)
             each = region.descended(start, 0.5 / abs(time), 0.05 / abs(time))
             each, _, residual = region.polished(each)
-            if residual > _EXPLAINED:
+            if residual > EXPLAINED:
                 break
             place = each * time
             places[number] = place
@@ -469,7 +322,7 @@ def _lead(sweep: Sweep, velocity: np.ndarray, mask: np.ndarray) -> float:
     down, across = sweep.logarithms.shape[1:]
     middle = rows.mean(), columns.mean()
     i, j = (
-        int(np.clip(round((at - TILE / 2) / (TILE / 2)), 0, most - 1))
+        int(np.clip(round(2 * at / sweep.side - 1), 0, most - 1))
         for at, most in zip(middle, (down, across), strict=True)
     )
     logarithms = sweep.logarithms[:, i, j]
@@ -477,18 +330,18 @@ def _lead(sweep: Sweep, velocity: np.ndarray, mask: np.ndarray) -> float:
     if not near.any() or near.all():
         return 0.0
     gap = logarithms[~near].min() - logarithms[near].min()
-    pixels = (TILE // 4) ** 2
-    return float(0.1 * gap * pixels * (_WINDOW - 1) / 2) if np.isfinite(gap) else 0.0
+    pixels = (sweep.side // 4) ** 2
+    return float(0.1 * gap * pixels * (WINDOW - 1) / 2) if np.isfinite(gap) else 0.0
 
 
 def _is_same(one: MovingObject, other: MovingObject) -> bool:
     """Whether two appearances have one velocity, and places that it joins."""
     v, w = np.array(one.velocity), np.array(other.velocity)
-    apart = np.hypot(*(v - w)) * _AROUND
+    apart = np.hypot(*(v - w)) * AROUND
     time = other.frame - one.frame
     way = np.array(one.centre) + v * time - np.array(other.centre)
     size = np.sqrt(max(one.area, other.area))
-    return time != 0 and apart < 2 * _SEPARATE and bool(np.hypot(*way) < size)
+    return time != 0 and apart < 2 * SEPARATE and bool(np.hypot(*way) < size)
 
 
 def _in_seconds(each: MovingObject, unit: float, scale: int, first: int) -> MovingObject:

@@ -136,11 +136,13 @@ class Measurement:
         clip: The frames.
         noise: Noise, as far as it is known, and why not.
         motion: Objects, and what stands still.
-        light: The still parts, averaged, before the pixels; linear light, white = 1.
+        light: The still parts, averaged, before the pixels; or what moves, before a background that
+            is empty; linear light, white = 1.
         level_difference: Mean light of what moves less that of the rest.
         pixel_pitch: Pixel pitch, m; None if it was not given.
         px_per_mm: Pixels per millimetre of the scene; None if it was not given.
         sensor: When its rows are exposed; None if it was not given.
+        on_empty: Whether the background is dark and empty, so that nothing is to be restored there.
     """
 
     name: str
@@ -152,6 +154,7 @@ class Measurement:
     pixel_pitch: float | int | None
     px_per_mm: float | int | None
     sensor: Sensor | None = None
+    on_empty: bool = False
 
     @property
     def along(self) -> AlongAxis | None:
@@ -314,8 +317,8 @@ def _scene_text(found: Measurement) -> str:
             '# speed = "known"',
         ],
         [
-            "# The still parts, averaged over frames; the power of their lines is that of the "
-            "clip, less the noise, before the pixels.",
+            f"# {'What moves' if found.on_empty else 'The still parts'}, averaged over frames; the "
+            "power of their lines is that of the clip, less the noise, before the pixels.",
             "[picture]",
             f'path = "{PICTURE}"',
         ],
@@ -374,7 +377,7 @@ def _speeds(found: Measurement) -> list[str]:
         f"area, +- {along.error:.2g} px/s."
     )
     if along.across > _ACROSS[-1]:
-        lines.append("# For a stage of two axes, in place of the line below:")
+        lines.append("# Where things move in any direction, in place of the line below:")
         lines.append(f"# any_direction = {{ max_px_per_s = {_digits(along.fastest)} }}")
     if high - low <= 4 * along.error:
         lines.append("# One speed was seen: widen this where others occur.")
@@ -466,13 +469,15 @@ def _occlusion(found: Measurement) -> list[str]:
     share = 1 - motion.share_at_rest
     if along is None:
         return []
+    narrowest = f"width_px = {_narrowest(motion, along.axis):.1f}  # of the narrowest"
+    if found.on_empty:
+        why = "# No [occlusion]: the background is dark and empty, and levels are of what moves."
+        return [why, "[objects]", f"{narrowest} along the {along.axis}"]
     if share >= _WHOLE:
         moves = f"# No [occlusion]: {share:.0%} of the picture moves"
         if len(motion.objects) == 1:
             return [f"{moves}, and is taken to move as a whole."]
-        note = f"# of the narrowest along the {along.axis}"
-        width = _narrowest(motion, along.axis)
-        return [f"{moves}, object by object.", "[objects]", f"width_px = {width:.1f}  {note}"]
+        return [f"{moves}, object by object.", "[objects]", f"{narrowest} along the {along.axis}"]
     width = motion.width[0 if along.axis == "rows" else 1]
     difference = found.level_difference
     key = f"level_difference = {difference.value:.3f}"
@@ -486,7 +491,7 @@ def _occlusion(found: Measurement) -> list[str]:
         'background = "still"  # the camera stood still',
         "# For a decoder that registers objects one by one:",
         "# [objects]",
-        f"# width_px = {_narrowest(motion, along.axis):.1f}  # of the narrowest",
+        f"# {narrowest}",
     ]
 
 
@@ -502,11 +507,12 @@ def _errors(found: Measurement) -> list[str]:
     """The errors again, as `optimise` reads them."""
     noise, along = found.noise, found.along
     rate = noise.electrons_at_white
+    is_covered = along and not found.on_empty and 1 - found.motion.share_at_rest < _WHOLE
     errors = {
         "photon_rate_per_s": rate and rate.error / found.clip.longest_exposure,
         "read_noise_e": noise.read_noise and noise.read_noise.error,
         "object_speed_px_per_s": along and along.error,
-        "front_share": _SHARE_ERROR if along and 1 - found.motion.share_at_rest < _WHOLE else None,
+        "front_share": _SHARE_ERROR if is_covered else None,
     }
     lines = [f"{key} = {error:.2g}" for key, error in errors.items() if error is not None]
     note = "# The errors above: the answer says how far the gain moves within two of each."

@@ -83,7 +83,7 @@ def too_narrow(transfer: Transfer, black: float | None, has_others: bool) -> Ref
     low, high = np.quantile(transfer.blocks.mean, (0.01, 0.99)) - (black or 0.0)
     if has_others or high > 2 * max(low, 0):
         return None
-    reason = f"levels of what stands still lie within a factor of {high / low:.2g}"
+    reason = f"levels of what stands still lie within a factor of {high / low:.3g}"
     remedy = "Film a scene with bright and dark parts, or add two dark frames (--dark)"
     return Refusal(NOISE, reason, remedy)
 

@@ -1,4 +1,4 @@
-"""The picture of a scene: the still parts of a clip, averaged, with the spectrum of their light."""
+"""The picture of a scene: parts of a clip, averaged, with the spectrum of their light."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,16 @@ from scipy import ndimage
 
 from mishutter.measurement.motion import Motion
 from mishutter.measurement.photon_transfer import Law
-from mishutter.measurement.sweep import Box, Smoothed
 from mishutter.pictures.images import Axis, transposed
+from mishutter.pictures.registration.sweep import Smoothed
+from mishutter.pictures.registration.windows import Window
 
 _AROUND = 2
 """Frames to either side along which an object is averaged."""
 _LINE = 5.0
 """Power of a line in the spectrum over that beside it, from which on pixels are a mosaic's."""
+_EMPTY = 0.1
+"""Light and contrast of a background over those of what moves, below which it is empty."""
 _SMOOTHING = 1.5
 """Gaussian under which frames are compared with the reference; px."""
 
@@ -44,15 +47,15 @@ def averaged(frames: np.ndarray, unit: np.ndarray, motion: Motion, frames_per_s:
         count += is_alike
     mean = total / count
     near = range(max(0, reference - _AROUND), min(len(frames), reference + _AROUND + 1))
-    splines = Smoothed.of(frames[near.start : near.stop], 0.0)
+    numbers = np.arange(near.start, near.stop, dtype=np.float64)
+    splines = Smoothed.of(frames[near.start : near.stop], numbers, 0.0)
     for number, each in enumerate(motion.objects, 1):
         mask = motion.labels == number
         if not mask.any():
             continue
-        box = Box.around(mask)
+        box = Window.around(mask, 0)
         velocity = np.array(each.velocity) / frames_per_s
-        numbers = range(len(near))
-        values, seen = splines.along(velocity, reference - near.start, numbers, box)
+        values, seen = splines.along(velocity, reference - near.start, range(len(near)), box)
         seen[reference - near.start] = True
         inside = box.of(mask)
         along = np.where(seen, values, 0).sum(axis=0) / seen.sum(axis=0)
@@ -61,21 +64,48 @@ def averaged(frames: np.ndarray, unit: np.ndarray, motion: Motion, frames_per_s:
     return Averaged(mean, count)
 
 
-def light_of_texture(
+def is_empty(
     picture: Averaged,
     at_rest: Bool[np.ndarray, "rows columns"],
     law: Law,
+    black: float,
+) -> bool:
+    """Whether what stands still is dark and shows nothing beside what moves.
+
+    Its mean light and its contrast, less the noise, are a tenth of those of what moves, at most.
+    """
+    # Blurred outlines are of both.
+    away = ndimage.gaussian_filter(at_rest.astype(float), 8.0)
+    still, moving = away > 0.9, ~at_rest
+    if not still.any() or not moving.any():
+        return False
+    noise = law(picture.levels) / picture.num_frames
+
+    def light_and_contrast(mask: np.ndarray) -> tuple[float, float]:
+        values = picture.levels[mask]
+        return float(values.mean() - black), float(values.var() - noise[mask].mean())
+
+    (rest, flat), (bright, varied) = map(light_and_contrast, (still, moving))
+    return rest < _EMPTY * bright and flat < _EMPTY**2 * varied
+
+
+def light_of_texture(
+    picture: Averaged,
+    shown: Bool[np.ndarray, "rows columns"],
+    law: Law,
     ends: tuple[float, float],
     axis: Axis,
+    *,
+    mean: float | None = None,  # Mean light, white = 1; by default that of the whole picture
 ) -> Float[np.ndarray, "rows columns 1"]:
-    r"""Light whose spectrum along an axis is that of the still parts, less the noise.
+    r"""Light whose spectrum along an axis is that of some parts, less the noise, and its mean.
 
     The amplitude at $f$ is multiplied by $\sqrt{(P - N)/Q}/\operatorname{sinc} f$, of the power $Q$
-    of all lines, that of the still parts $P$, under a window that falls to 0 at their outlines, and
+    of all lines, that of these parts $P$, under a window that falls to 0 at their outlines, and
     their noise $N$: a scene is seen through its pixels again. Lines go on mirrored.
     """
     black, white = ends
-    inside = 2 * ndimage.gaussian_filter(at_rest.astype(float), 4.0) - 1
+    inside = 2 * ndimage.gaussian_filter(shown.astype(float), 4.0) - 1
     window = transposed(np.maximum(inside, 0), axis)
     if window.mean() < 0.05:  # so little shows no spectrum
         window = np.ones_like(window)
@@ -90,8 +120,8 @@ def light_of_texture(
     gain = np.sqrt(signal / np.maximum(_power(light - light.mean()), 1e-30))
     gain /= np.sinc(np.fft.rfftfreq(mirrored.shape[1]))
     filtered = np.fft.irfft(np.fft.rfft(mirrored) * gain, mirrored.shape[1])[:, : light.shape[1]]
-    shown = np.clip(filtered + light.mean(), 0, 1)
-    return transposed(shown[..., None], axis).astype(np.float32)
+    lit = np.clip(filtered + (light.mean() if mean is None else mean), 0, 1)
+    return transposed(lit[..., None], axis).astype(np.float32)
 
 
 def _mirrored(lines: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ class Part(Section):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _as_in_a_file(cls, value: Any) -> Any:
+    def _as_in_a_file(cls, value: Any) -> object:
         """Converts arrays and tuples to numbers and lists."""
         if hasattr(value, "tolist"):
             return value.tolist()
@@ -39,11 +39,11 @@ def made_of(kind: type[_Class], arguments: Mapping[str, Any]) -> _Class:
 class Arguments(Part):
     """A table of the arguments of a class; `arguments_of` makes a schema of one."""
 
-    made: ClassVar[Callable[..., Any]]
+    made: ClassVar[Callable[..., object]]
 
     @model_validator(mode="before")
     @classmethod
-    def _without_former(cls, table: Any) -> Any:
+    def _without_former(cls, table: object) -> object:
         """Leaves out the arguments that a class has no longer, which it names `former`."""
         former = getattr(cls.made, "former", ())
         if not isinstance(table, dict):
@@ -119,14 +119,14 @@ def table_of(kind: Any) -> Any:
     return Annotated[Union[schemas], BeforeValidator(_as_arguments)]  # noqa: UP007
 
 
-def _as_arguments(value: Any) -> Any:
+def _as_arguments(value: object) -> object:
     """An object of one of several classes as its arguments, which tell its class."""
     if isinstance(value, Mapping | Section):
         return value
     return {name: getattr(value, name) for name in argument_names(type(value))}
 
 
-def _built(value: Any) -> Any:
+def _built(value: object) -> object:
     if isinstance(value, list):
         return tuple(_built(each) for each in value)
     return value.built() if isinstance(value, Arguments) else value

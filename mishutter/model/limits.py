@@ -12,7 +12,7 @@ T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from typing import Any, ClassVar, Literal, NamedTuple, final
+from typing import ClassVar, Literal, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -426,17 +426,13 @@ class Limits(AbstractModule):
         most = motion.greatest_acceleration if runs_up_at_once else most
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)
 
-    def of_run_up(self, pan: float) -> tuple[float | None, float | None, float]:
-        """Greatest acceleration, jerk and speed of a stage beside a camera that turns; in px and s.
+    def beside(self, turning: float) -> "Limits":
+        """The limits of a stage beside a camera that turns: what it turns by is not the stage's.
 
         Args:
-            pan: Velocity at which the camera turns; px/s.
+            turning: Speed at which it turns; px/s.
         """
-        most, jerk = (
-            None if x is None else float(x) for x in (self.max_acceleration, self.max_jerk)
-        )
-        # What a camera turns by is no longer the stage's.
-        return most, jerk, float(self.max_top_speed) - abs(pan)
+        return eqx.tree_at(lambda x: x.max_top_speed, self, self.max_top_speed - turning)
 
     def have_room_for(self, *, travel: float, stroke: float) -> bool:
         """Whether a way is within them, to single precision.
@@ -576,10 +572,12 @@ _compiled_travel_share = compiled(Limits._travel_share)
 
 
 @compiled
-def _largest(limits: Limits, name: str, low: Number, high: Number, numbers: Any) -> Array:
-    def use(value: Array, parameters: tuple[Limits, Any]) -> Array:
+def _largest(
+    limits: Limits, name: str, low: Number, high: Number, numbers: dict[str, Number]
+) -> Array:
+    def use(value: Array, parameters: tuple[Limits, dict[str, Number]]) -> Array:
         limits, numbers = parameters
-        return limits.stage_share(**(numbers | {name: value}))
+        return limits.stage_share(**{**numbers, name: value})
 
     return largest_within_one(low, high, (limits, numbers), function=use)
 

@@ -610,7 +610,7 @@ def acceleration_of_stroke(
     return space.where(room >= 0, sag, 0.0) / 2 / half_exposure / half_exposure
 
 
-def safe_root(square: Any) -> Positions:
+def safe_root(square: Positions | float) -> Positions:
     """Square root whose derivative at 0 is 0; of a number below that it is 0."""
     space, positive = jnp if isinstance(square, jax.Array) else np, square > 0
     return space.where(positive, space.sqrt(space.where(positive, square, 1.0)), 0.0)

@@ -3,7 +3,7 @@
 The frequencies are the centres of equal steps of (0, 0.5) cycles/px.
 """
 
-from typing import Any, final
+from typing import final
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
+    Alike,
     as_float,
     is_concrete,
     namespace_of,
@@ -39,7 +40,7 @@ def frequencies(count: int) -> Float[np.ndarray, "{count}"]:
     return _centres(np.arange(count, dtype=np.float64))
 
 
-def _centres(index: Any) -> Any:
+def _centres(index: Alike) -> Alike:
     return (index + 0.5) * (0.5 / index.size)
 
 

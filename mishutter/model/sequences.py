@@ -1,25 +1,45 @@
 """Frames that a camera takes one after the other, and the path of its sensor through them.
 
-They are said in two ways: a `TimedFrame` is an exposure along one axis, and the limits of a stage
-say how it goes from one to the next; a `FramePath` is the whole path along one axis or two.
+They are said in two ways, of which all else asks the same: of `TimedFrames` each is an exposure
+along one axis, and the limits of a stage say how it goes from one to the next; a `FramePath` is the
+whole path along one axis or two.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import final
+from itertools import pairwise
+from typing import final, overload
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core.checks import as_numpy, namespace_of
+from mishutter._core.checks import (
+    Numbers,
+    all_concrete,
+    as_numpy,
+    common_dtype,
+    namespace_of,
+    require,
+)
 from mishutter._core.modules import AbstractModule
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
-from mishutter.model.stages import Knots, Piece, StagePath, StageUse, led
+from mishutter.model.stages import (
+    Knots,
+    Piece,
+    StagePath,
+    StageUse,
+    extent,
+    led,
+    place_at_begin,
+    run_up,
+    transfer,
+)
 
 AT_REST = 0.05
 """Travel over an exposure below which its sensor counts as standing still; px."""
@@ -47,8 +67,8 @@ class TimedFrame:
     """
 
     motion: AbstractMotion
-    time: float | Array
-    position: float | Array = 0.0
+    time: float | Numbers
+    position: float | Numbers = 0.0
 
     @property
     def exposure(self) -> float:
@@ -87,11 +107,6 @@ class FramePath(AbstractModule):
     jerks: Float[np.ndarray, "p"] | None = None
 
     @property
-    def num_frames(self) -> int:
-        """Number of frames."""
-        return self.times.shape[0]
-
-    @property
     def duration(self) -> float:
         """Time from the first light to the last; s, of concrete frames."""
         ends = np.asarray(self.times) + np.asarray(self.exposures) / 2
@@ -101,18 +116,65 @@ class FramePath(AbstractModule):
     def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 
-    def for_rows(self, readout: float, limits: Limits) -> "FramePath":
-        """Known frames, with a path that goes on while rows are exposed earlier and later.
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return self.times.shape[0]
 
-        It does not go on where the stage would leave its limits so: then the first and the last
-        rows see how it comes from rest, and goes back to it.
+    @property
+    def num_axes(self) -> int:
+        """Axes of its places."""
+        return len(self.velocities)
 
-        Args:
-            readout: Time from the first row to the last; s.
-            limits: Those of the stage.
-        """
+    @property
+    def num_moved(self) -> int:
+        """Axes of the stage that known frames need; 0 at rest."""
+        if self.stays:
+            return 0
+        sizes = np.linalg.svd(self.velocities, compute_uv=False)
+        return int(np.sum(sizes > SINGLE * sizes[0]))
+
+    @property
+    def rests(self) -> list[bool]:
+        """Whether the sensor stands still; it counts as moving in all known frames or in none."""
+        return [self.stays] * self.num_frames
+
+    @property
+    def middle(self) -> tuple[Numbers | float, Numbers]:
+        """The time between the first light and the last, s, and the place then, px."""
+        ends = self.times - self.exposures / 2, self.times + self.exposures / 2
+        middle = (ends[0][:1] + ends[1][-1:]) / 2
+        return middle[0], self.place(middle)[:, 0]
+
+    def longest_way(self, fastest: float) -> float:
+        """Longest way over the sensor in a known frame, of anything up to a speed, px/s; px."""
+        return (self.top_speed + fastest) * float(np.max(np.asarray(self.exposures)))
+
+    def cuts(self, begin: Numbers, end: Numbers, delay: float) -> Numbers:
+        """Bends of a path for rows within each exposure; beyond the last that it has, its end."""
+        if not (self.lead or delay):
+            return begin[:, None][:, :0]
+        bends, ends = self.bends, zip(begin, end, strict=True)
+        inner = [bends[(bends > low) & (bends < high)] for low, high in ends]
+        cuts = np.tile(end[:, None], max(each.size for each in inner))
+        for row, each in zip(cuts, inner, strict=True):
+            row[: each.size] = each
+        return cuts
+
+    def beside(self, pan: Float[np.ndarray, "axes"]) -> "FramePath":
+        """The frames as the stage makes them, beside a camera that turns at a velocity, px/s."""
+        if not np.any(pan):
+            return self
+        return eqx.tree_at(lambda x: x.velocities, self, self.velocities - pan[:, None])
+
+    def for_rows(
+        self, readout: float, limits: Limits, pan: Float[np.ndarray, "axes"] | None = None
+    ) -> "FramePath":
+        """Known frames, on a path that goes on while rows are exposed earlier and later."""
         if self.lead or self.stays or not readout:
             return self
+        if pan is not None and np.any(pan):
+            return self.beside(pan).for_rows(readout, limits).beside(-pan)
         durations, velocities, _ = led(*self._known, readout / 2)
         going_on = replace(self, durations=durations, velocities=velocities, lead=readout / 2)
         use = going_on.use(limits)
@@ -128,9 +190,9 @@ class FramePath(AbstractModule):
             lead=rest + float(knots.durations[0]),
         )
 
-    def place(
-        self, time: Float[Array | np.ndarray, "*shape"]
-    ) -> Float[Array | np.ndarray, "axes *shape"]:
+    path_for_rows = for_rows
+
+    def place(self, time: Float[Numbers, "*shape"]) -> Float[Numbers, "axes *shape"]:
         """Place of the sensor, from that at the begin of the path; px.
 
         Args:
@@ -195,6 +257,11 @@ class FramePath(AbstractModule):
         last = durations.size - 1
         return Knots(durations, np.hstack([rest, velocities, rest]), None, 1, last)
 
+    @property
+    def gentle_stroke(self) -> float:
+        """Travel of an axis of a stage of any acceleration from first to last light; px."""
+        return float(self.use(Limits()).stroke)
+
     def use(self, limits: Limits) -> StageUse:
         """The demands on each axis of a stage, or on both together where limits are of a disc.
 
@@ -245,15 +312,290 @@ class FramePath(AbstractModule):
         return paths
 
 
+@final
+class TimedFrames(AbstractModule, Sequence[TimedFrame]):
+    """Frames along one axis, between which a stage goes as its limits allow.
+
+    Attributes:
+        frames: The frames.
+        is_sine: Whether the stage follows a sine between them too.
+        lead: Time for which the way goes on before the first light and after the last, for rows
+            that are exposed earlier and later; s.
+    """
+
+    frames: tuple[TimedFrame, ...]
+    is_sine: bool = eqx.field(static=True, default=False)
+    lead: float = eqx.field(static=True, default=0.0)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[TimedFrame]:
+        return iter(self.frames)
+
+    @overload
+    def __getitem__(self, index: int) -> TimedFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[TimedFrame, ...]: ...
+    def __getitem__(self, index: int | slice) -> TimedFrame | tuple[TimedFrame, ...]:
+        return self.frames[index]
+
+    @property
+    def _numbers(self) -> Numbers:
+        """Times, places and half exposures: of NumPy in double precision where all are known."""
+        rows = [(x.time, x.position, x.motion.half_exposure) for x in self.frames]
+        if all_concrete(rows):
+            return np.array(rows, np.float64).reshape(-1, 3).T
+        dtype = common_dtype(*(x for row in rows for x in row if hasattr(x, "dtype")))
+        return jnp.array([[jnp.asarray(x, dtype) for x in row] for row in rows]).T
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.frames)
+
+    @property
+    def times(self) -> Numbers:
+        """Mid-exposures, from the middle of all; s."""
+        return self._numbers[0]
+
+    @property
+    def exposures(self) -> Numbers:
+        """Exposures; s."""
+        return 2 * self._numbers[2]
+
+    @property
+    def num_axes(self) -> int:
+        """Axes of its places."""
+        return 1
+
+    @property
+    def num_moved(self) -> int:
+        """Axes of the stage that known frames need; 0 at rest."""
+        return 0 if all(self.rests) else 1
+
+    @property
+    def rests(self) -> list[bool]:
+        """Whether the sensor stands still in each known frame."""
+        return [frame.is_still for frame in self.frames]
+
+    @property
+    def middle(self) -> tuple[Numbers | float, Numbers]:
+        """The begin of their clock, and the place then, be a frame exposed or not; px."""
+        times, places, halves = self._numbers
+        space = namespace_of(times, places, halves)
+        near = space.clip(0 * times, times - halves, times + halves)
+        order, at = space.argsort(near), self.place(near[:, None])[0, :, 0]
+        return 0.0, space.interp(0 * near[:1], near[order], at[order])
+
+    def longest_way(self, fastest: float) -> float:
+        """Longest way over the sensor in a known frame, of anything up to a speed, px/s; px."""
+        return max((float(x.motion.top_speed) + fastest) * x.exposure for x in self.frames)
+
+    def cuts(self, begin: Numbers, end: Numbers, delay: float) -> Numbers:
+        """Times at which the acceleration of each jumps; beyond the last that it has, its end."""
+        requirement = "be 0 for frames without the path between them"
+        require(delay == 0, "Instants.of(delay=...)", requirement, delay)
+        times, _, halves = self._numbers
+        inner = [[*map(float, x.motion.piece_ends[1:-1])] for x in self.frames]
+        ends = np.ones((len(self), max(map(len, inner))), times.dtype)
+        for row, each in zip(ends, inner, strict=True):
+            row[: len(each)] = each
+        return times[:, None] + halves[:, None] * ends
+
+    def place(self, time: Float[Numbers, "n q"]) -> Float[Numbers, "1 n q"]:
+        """Places of the sensor at some times of each frame; px.
+
+        Args:
+            time: Times on the clock of `times`, a row for each; s.
+        """
+        times, places, _ = self._numbers
+        each = zip(self.frames, time, times, strict=True)
+        rows = [frame.motion.position(own - middle) for frame, own, middle in each]
+        space = namespace_of(times, *rows)
+        return (places[:, None] + space.stack(rows).astype(times.dtype))[None]
+
+    def beside(self, pan: Float[np.ndarray, "axes"]) -> "TimedFrames":
+        """The frames as the stage makes them, beside a camera that turns at a velocity, px/s."""
+        if not np.any(pan):
+            return self
+        turned = float(pan[0])
+        motions = (x.motion.panned(x.motion.velocity - turned) for x in self.frames)
+        each = zip(motions, self.frames, strict=True)
+        frames = (TimedFrame(m, x.time, x.position - turned * x.time) for m, x in each)
+        return replace(self, frames=tuple(frames))
+
+    @property
+    def _at_once(self) -> Knots:
+        """The way of a stage of any acceleration from rest to rest."""
+        return self._knots(None, None)
+
+    @property
+    def gentle_stroke(self) -> float:
+        """Travel of a stage of any acceleration, from the first light to the last; px."""
+        return float(self._at_once.use.travel)
+
+    def use(self, limits: Limits) -> StageUse:
+        """The demands on a stage that runs up to known frames from rest.
+
+        Where no path can be written, since no limit says how the stage reaches a velocity, it does
+        so at once.
+
+        Args:
+            limits: Those of the stage.
+        """
+        paths = self.stage_paths(limits)
+        return paths[0].use if paths else self._at_once.use
+
+    def acceleration(self, limits: Limits) -> float:
+        """Greatest acceleration of the whole path, run-up and run-out included; px/s^2."""
+        return float(self.use(limits).acceleration)
+
+    def stage_paths(self, limits: Limits) -> list[StagePath]:
+        r"""The whole path of the stage: rest, run-up, frames, run-out, rest.
+
+        Between frames the stage follows the gentlest `transfer` of a ramp, a coast and a ramp that
+        takes no more travel than those at the greatest acceleration. Between frames on a sine it
+        follows that, and to one that moves it runs up from one at rest as late as it can.
+
+        Args:
+            limits: Those of the stage. Without one of its acceleration or its jerk the acceleration
+                is the greatest of the rest of the path.
+
+        Returns:
+            The path; none where the stage stays at rest. None also where both limits are missing
+            and one is needed: the frames do not say how fast a stage reaches a velocity that it
+            keeps, or from one to the next.
+        """
+        knots, first = self._knots_within(limits), self.frames[0]
+        if knots is None:
+            return []
+        return [knots.path(float(first.time) - first.exposure / 2, _ends(first)[0])]
+
+    def for_rows(
+        self, readout: float, limits: Limits, pan: Float[np.ndarray, "axes"] | None = None
+    ) -> "TimedFrames":
+        """Known frames, on a way that goes on while rows are exposed earlier and later."""
+        at_rest = replace(self, lead=0.0)
+        if all(self.rests) or not readout:
+            return at_rest
+        going_on = replace(self, lead=readout / 2)
+        stage = going_on if pan is None else going_on.beside(pan)
+        travel = float(stage.use(limits).travel)
+        fits = limits.have_room_for(travel=travel, stroke=stage.gentle_stroke)
+        return going_on if fits else at_rest
+
+    def path_for_rows(
+        self, readout: float, limits: Limits, pan: Float[np.ndarray, "axes"] | None = None
+    ) -> FramePath:
+        """The whole path that rows see which are exposed earlier and later.
+
+        A stage reaches a velocity at once where no limit says how.
+        """
+        pan = np.zeros(1) if pan is None else pan
+        stage = self.for_rows(readout, limits, pan).beside(pan)
+        way = stage._knots_within(limits) or stage._at_once
+        # Before and after it the stage is at rest, and may reach a velocity at once.
+        return FramePath(
+            np.asarray(self.times),
+            np.asarray(self.exposures),
+            np.r_[readout, 0.0, way.durations, 0.0, readout],
+            (np.pad(way.velocities, 2) + pan[0])[None],
+            float(np.sum(way.durations[: way.first])) + readout,
+            None if way.jerks is None else np.pad(way.jerks, 2),
+        )
+
+    def _knots_within(self, limits: Limits) -> Knots | None:
+        """The way of the stage from rest to rest within some limits, where they say one."""
+        most, jerk, top_speed = (
+            None if x is None else float(x)
+            for x in (limits.max_acceleration, limits.max_jerk, limits.max_top_speed)
+        )
+        if most is None and jerk is None:
+            at_once = self._at_once
+            within = slice(at_once.first, at_once.last)
+            gains = np.abs(np.diff(at_once.velocities)[within])[at_once.durations[within] == 0]
+            jumps = np.any(gains > SINGLE * np.max(np.abs(at_once.velocities)))
+            if jumps or (not all(self.rests) and self.rests[0]):
+                return None
+            most = float(at_once.use.acceleration)
+        knots = None if most == 0 else self._knots(most, jerk, top_speed)
+        return None if knots is None or not np.any(knots.velocities) else knots
+
+    def _knots(
+        self, most: float | None, jerk: float | None, top_speed: float | None = None
+    ) -> Knots:
+        """The way of the stage from rest to rest at a greatest acceleration, jerk and speed."""
+        ends = [_ends(frame) for frame in self.frames]
+
+        def whole(span: tuple[float, float] | None) -> Knots:
+            lit = [Knots.of_exposure(frame.motion) for frame in self.frames]
+            pieces = lit[0].pieces
+            each = zip(self.frames, lit, ends, strict=True)
+            for (frame, own, places), (after, other, others) in pairwise(each):
+                gap = float(after.time - frame.time) - (after.exposure + frame.exposure) / 2
+                way, start, end = others[0] - places[1], own.velocities[-1], other.velocities[0]
+                ends_of_gap = float(way), gap, float(start), float(end)
+                if gap <= 1e-9 * (after.time - frame.time):  # but for rounding
+                    pieces.append(Piece(0.0, end))
+                elif not np.any(own.velocities) and (
+                    late := from_rest(
+                        way, gap, end, run_up(end, float(other.accelerations[0]), most, jerk)
+                    )
+                ):
+                    pieces += late
+                elif self.is_sine and np.any(own.velocities):
+                    pan = float(frame.motion.velocity)
+                    half = frame.exposure / 2
+                    pieces += along_sine(way, gap, start - pan, half, pan=pan, end=end)
+                else:
+                    near = None if span is None else (span[0] - places[1], span[1] - places[1])
+                    scale = sum(float(np.ptp(each.positions)) for each in (own, other))
+                    pieces += transfer(
+                        *ends_of_gap, acceleration=most, top_speed=top_speed, span=near, scale=scale
+                    )
+                pieces += other.pieces
+            rates = float(lit[0].accelerations[0]), float(lit[-1].accelerations[-1])
+            way = Knots.of(lit[0].velocities[0], pieces)
+            if self.lead:
+                way = way.led(self.lead)
+                rates = float(way.accelerations[0]), float(way.accelerations[-1])
+            return way.from_rest_to_rest(rates, most, jerk)
+
+        if len(self) == 1:
+            return whole(None)
+        if most is None:
+            # A stage of any acceleration stays where it is in some frame.
+            lit = [extent(Knots.of_exposure(frame.motion)) for frame in self.frames]
+            low = min(begin + way[0] for (begin, _), way in zip(ends, lit, strict=True))
+            high = max(begin + way[1] for (begin, _), way in zip(ends, lit, strict=True))
+            margin = 1e-3 * (high - low)
+            return whole((low - margin, high + margin))
+        # No wider than by the greatest acceleration, at which the stage turns round soonest.
+        steepest = whole((math.inf, -math.inf))
+        low, high = extent(steepest)
+        begin = ends[0][0] - float(steepest.positions[steepest.first])
+        margin = 1e-9 * (high - low)
+        return whole((low + begin - margin, high + begin + margin))
+
+
 PlaneFrames = FramePath
 """The public name of a path in the plane."""
 Frames = Sequence[TimedFrame] | FramePath
 """Exposures of an open shutter, along one axis or in the plane."""
 
 
-def num_frames_of(frames: Frames) -> int:
-    """Number of exposures."""
-    return frames.num_frames if isinstance(frames, FramePath) else len(frames)
+def frames_in(frames: Frames, *, is_sine: bool = False) -> TimedFrames | FramePath:
+    """Exposures as a whole, of which all else is asked."""
+    is_whole = isinstance(frames, TimedFrames | FramePath)
+    return frames if is_whole else TimedFrames(tuple(frames), is_sine)
+
+
+def _ends(frame: TimedFrame) -> tuple[float, float]:
+    """Places of the stage at the ends of a frame; px."""
+    motion, place = frame.motion, float(frame.position)
+    end = np.asarray(motion.position(np.array([float(motion.half_exposure)])))
+    return place + place_at_begin(motion), place + float(end[0])
 
 
 def from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece] | None:

@@ -140,7 +140,7 @@ class Knots(NamedTuple):
             for s in shares
         ]
 
-        def span(start: int, stop: int) -> Any:
+        def span(start: int, stop: int) -> Numbers:
             every = [places[..., start : stop + 1], *(x[..., start:stop] for x in extremes)]
             every = space.concatenate(every, axis=-1)
             return space.max(every, axis=-1) - space.min(every, axis=-1)
@@ -158,8 +158,8 @@ class Knots(NamedTuple):
     def from_rest_to_rest(
         self,
         accelerations: tuple[Number, Number],  # px/s^2, of its shape
-        max_acceleration: Any = None,  # px/s^2
-        max_jerk: Any = None,  # px/s^3
+        max_acceleration: Number | None = None,  # px/s^2
+        max_jerk: Number | None = None,  # px/s^3
     ) -> "Knots":
         """The way from rest through this one, lit from its first knot to its last, to rest."""
         begin, end = accelerations
@@ -240,8 +240,8 @@ def _roots(square: Numbers, linear: Numbers, constant: Numbers) -> list[Numbers]
 def run_up(
     velocity: Number,
     acceleration: Number,
-    max_acceleration: Any = None,
-    max_jerk: Any = None,
+    max_acceleration: Number | None = None,
+    max_jerk: Number | None = None,
 ) -> list[Piece]:
     """The quickest pieces from rest to a velocity and, if jerk is limited, an acceleration."""
     if max_jerk is None:
@@ -272,8 +272,8 @@ def _space(*values: object) -> ModuleType:
 
 def stage_use(
     motion: AbstractMotion,
-    max_acceleration: ArrayLike | None = None,
-    max_jerk: ArrayLike | None = None,
+    max_acceleration: Number | None = None,
+    max_jerk: Number | None = None,
 ) -> StageUse:
     """The demands of a motion on a stage, from rest to rest; of the shape of stacked motions."""
     rates = 2 * motion.piece_accelerations

@@ -16,7 +16,7 @@ from jaxtyping import UInt16
 
 if TYPE_CHECKING:
     from PIL import Image
-    from tifffile import TiffFile, TiffPage
+    from tifffile import TiffFile, TiffFrame, TiffPage, TiffPageSeries
 
 MAX_PIXELS = 150_000_000
 """The reader refuses a larger picture before it decodes it."""
@@ -102,7 +102,7 @@ def grey_frames(path: Path, most: int | None) -> GreyFrames | None:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        series: Any = file.series[0]
+        series = file.series[0]
         key = series.keyframe
         _require_size(key.imagewidth, key.imagelength)
         tag = key.tags.get(_ORIENTATION)
@@ -121,7 +121,7 @@ def grey_frames(path: Path, most: int | None) -> GreyFrames | None:
         if len(file.series) > 1 and series.axes == "YX":
             # Each page was written as a picture of its own.
             alike = [each for each in file.series if each.shape == series.shape]
-            pages: list[Any] = [each.keyframe for each in alike]
+            pages = [each.keyframe for each in alike]
         elif len(series.pages) < series.size // (key.imagewidth * key.imagelength):
             # ImageJ describes the first frame of more than 4 GB alone; others follow its bytes.
             whole = tifffile.memmap(path, mode="r").reshape(-1, key.imagelength, key.imagewidth)
@@ -136,7 +136,7 @@ def grey_frames(path: Path, most: int | None) -> GreyFrames | None:
         return GreyFrames(np.stack(frames), len(pages) > len(frames), word)
 
 
-def _in_time(series: Any) -> tuple[np.ndarray, str]:
+def _in_time(series: "TiffPageSeries") -> tuple[np.ndarray, str]:
     """Numbers of the pages of a series that follow each other in time, and a word on its axes."""
     axes, shape = series.axes[:-2], series.shape[:-2]
     # An axis without a name is of frames; some programs call frames depths, or channels.
@@ -156,7 +156,9 @@ def _in_time(series: Any) -> tuple[np.ndarray, str]:
         words.append(f"{'depths' if time == 'Z' else 'channels'} ({time}) are taken for times")
     if others:
         words.append(f"the first of {' and '.join(axes[k] for k in others)} is taken")
-    return numbers, ": ".join([words[0], " and ".join(words[1:])]) if len(words) > 1 else ""
+    return np.asarray(numbers), ": ".join([words[0], " and ".join(words[1:])]) if len(
+        words
+    ) > 1 else ""
 
 
 def header_size(content: bytes) -> tuple[int, int]:
@@ -203,7 +205,7 @@ def tiff_like(pixels: np.ndarray, path: Path) -> bytes:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        page: Any = file.pages[0]
+        page = file.pages.first
         unit = (file.imagej_metadata or {}).get("unit")
     content = io.BytesIO()
     is_grey = pixels.shape[2] == 1
@@ -324,13 +326,13 @@ def _decoded_tiff(path: Path, number: int) -> Decoded:
             return _decoded_by_pillow(path, index)._replace(has_more=has_more)
         if meaning not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB):
             raise ValueError(f"a TIFF whose values are {getattr(meaning, 'name', meaning)}")
-        first: Any = file.pages[0]
+        first = file.pages.first
         tag = page.tags.get(_ORIENTATION) or first.tags.get(_ORIENTATION)
         pixels = _direct(page, 1 if tag is None else tag.value)
         return pixels._replace(has_more=has_more)
 
 
-def _require_strips(page: Any, key: Any) -> None:
+def _require_strips(page: "TiffPage | TiffFrame", key: "TiffPage") -> None:
     """Refuses a page without all strips or tiles, which both decoders would leave black."""
     held = min(sum(map(bool, page.dataoffsets)), sum(map(bool, page.databytecounts)))
     expected = math.prod(key.chunked)

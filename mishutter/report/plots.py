@@ -190,7 +190,7 @@ def plot_design(design: AbstractDesign) -> "Figure":
         design: A design along an axis or in the plane.
     """
     burst = design.exposures
-    if burst.path is not None and burst.moves:
+    if burst.in_plane and burst.moves:
         return _plot_plane(design.scene, burst)
     if not isinstance(design, Design) or design.sequence is not None:
         return plot_frames(frame_table(design))
@@ -315,7 +315,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     velocities have panels of their own, if the stage moves.
     """
     exposures, is_still = row.exposures, row.stroke < _AT_REST
-    if exposures.path is not None and not is_still:
+    if exposures.in_plane and not is_still:
         return _plot_plane(scene, exposures, title)
     paths = {} if is_still else exposures.stage_paths(scene)
     is_shaped = SHUTTER in row.required_hardware
@@ -323,11 +323,10 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     _draw_exposures(axes, exposures.lights, paths)
     if not (paths or is_still):
         axes.lines[0].remove()  # no limit says how the stage gets there
-        for frame in exposures.along:
-            time = np.linspace(-frame.exposure / 2, frame.exposure / 2, _NUM_POINTS)
-            place = np.asarray(frame.motion.position(time)) + frame.position
+        times = np.array([np.linspace(*lit, _NUM_POINTS) for lit in exposures.lights])
+        for time, place in zip(times, exposures.place(times)[0], strict=True):
             label = None if len(axes.lines) else "stage"
-            axes.plot((time + frame.time) * 1e3, place, label=label, **next(line_styles()))
+            axes.plot(time * 1e3, place, label=label, **next(line_styles()))
     for below in others:
         axes.set_xlabel("")
         tau, half = np.linspace(-1, 1, _NUM_POINTS), row.motion.half_exposure
@@ -752,7 +751,7 @@ def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
     below = figure.add_subplot(2, 1, 2)
     for axes in (plane, hodograph, below):
         draw_grid(axes)
-    path: FramePath = burst.path  # type: ignore[assignment]
+    path: FramePath = burst.frames  # type: ignore[assignment]
     begin = burst.lights[0][0]
     time = begin + np.linspace(0, burst.duration * (1 - 1e-9), 8 * _NUM_POINTS)
     place = np.asarray(path.place(time)) - np.outer(burst.pan, time)

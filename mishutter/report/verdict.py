@@ -34,6 +34,7 @@ from mishutter.search.frame_ties import (
     PAN,
     RING,
     SWEEP,
+    SWINGS,
     TWO_SINES,
 )
 from mishutter.search.moving_frames import loss_untold
@@ -61,6 +62,7 @@ _WAYS = {
     SINE: "swings on a sine that turns in the middle of each frame",
     SWEEP: "goes out and back once at a constant acceleration",
     ALTERNATING: "turns back in each frame",
+    SWINGS: "turns back in each frame",
     FAN: "takes another constant velocity in each frame",
     FOLLOW: "follows the objects at {speeds} and flies back between frames, {turns}",
     PAN: "pans at {speeds}",
@@ -76,6 +78,7 @@ _VERBS = {
     SINE: "swings {way} on a sine",
     SWEEP: "sweeps {way}",
     ALTERNATING: "swings {way}",
+    SWINGS: "swings {way}",
     FAN: "takes a constant speed in each, over {way}",
     FOLLOW: "follows the objects and flies back over {way}",
     CIRCLE: "circles over {way}",
@@ -166,7 +169,7 @@ def _way_of_frames(frames: Exposures, *, short: bool = False) -> str:
     if rests:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
-    travel = frames.travel if frames.path is None else _at_most(frames.travel)
+    travel = _at_most(frames.travel) if frames.in_plane else frames.travel
     way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{_three_digits(travel)} px")
     return f" while the stage {way}"
 
@@ -518,7 +521,7 @@ def details_of(scene: Scene, frames: Exposures | None) -> list[str]:
             "at the worst speed, which the level does not count."
         )
     is_told = scene.sensor.readout is not None or frames.num_frames == 1
-    if frames.path is None and frames.moves and not is_told:
+    if not frames.in_plane and frames.moves and not is_told:
         readout, lost = loss_untold(scene, frames)
         said.append(
             f"Behind rows that are read one after another within {readout * 1e3:.3g} ms, as a "

@@ -5,6 +5,8 @@ one to the next in any way that it can (`mishutter.search.frame_limits`). What t
 each number is known in closed form (`mishutter.search.frame_levels`), and SciPy's SLSQP climbs from
 a few starts. Frames of few numbers (`mishutter.search.frame_ties`) are the same frames tied. They
 are searched first; they are the starts of the free search, and preferred where they are as good.
+From the best the search goes on with frames that are shaken, follow another thing or come in
+another order.
 """
 
 import contextlib
@@ -30,8 +32,12 @@ _STEP, _STEP_OF_TIE = 1e-7, 1e-6
 _PIECES_OF_SINE = 8
 _STARTS = 4
 _EXCHANGES, _ROUNDS = 4, 3
+_SHARES = 0.02, 0.1, 0.4
+"""Shares of velocities and exposures by which frames are shaken that have another order."""
 _AS_GOOD = 0.02
 """Decibels below the best at which still fewer frames are tried."""
+_NEARLY_AS_GOOD = 0.1
+"""Decibels below the best at which the best of another number of frames is bettered as well."""
 _MOST_STEPS, _MOST_STEPS_OF_TIE = 60, 40
 _STALLS, _LEAST_GAIN = 6, 1e-3
 """Steps without a gain of so many dB after which a descent ends."""
@@ -231,15 +237,29 @@ class Search(NamedTuple):
                 break
             best = max(best, top)
             count = max((number for number in fewer if number <= 0.8 * count), default=fewer[0])
-        most = best_of(every)
-        if most is not None and self.is_free and most.frames.exposure.size <= MOST_FREE:
-            every += again(self.levels, self.room, most, near(self.room))
-            most = best_of(every) or most
-            followed = self.followed(most.frames.exposure.size)
-            if most.frames.exposure.size > 1 and followed:
-                changes = partial(changed, self.levels, self.room, followed)
-                every += again(self.levels, self.room, most, changes, least=_AS_GOOD)
-        return every
+        return every + (self._beside(every) if self.is_free else [])
+
+    def _beside(self, every: list[End]) -> list[End]:
+        """Ends of descents from near the best, and from near as good ones of other numbers."""
+        most, beside = best_of(every), []
+        if most is None or most.frames.exposure.size > MOST_FREE:
+            return []
+        beside += again(self.levels, self.room, most, near(self.room), times=_ROUNDS)
+        most = best_of([most, *beside]) or most
+        followed = self.followed(most.frames.exposure.size)
+        if most.frames.exposure.size > 1 and followed:
+            changes = partial(changed, self.levels, self.room, followed)
+            beside += again(self.levels, self.room, most, changes, times=_ROUNDS, least=_AS_GOOD)
+        groups: dict[int, list[End]] = {}
+        for end in [*every, *beside]:
+            groups.setdefault(end.frames.exposure.size, []).append(end)
+        for count, ends in groups.items():
+            top = max(ends, key=lambda end: end.level)
+            # The order of two frames is all one; the more there are, the more orders they have.
+            if count > 2 and top.level > most.level - _NEARLY_AS_GOOD:
+                orders = reordered(self.room)
+                beside += again(self.levels, self.room, top, orders, times=count // 2)
+        return beside
 
     def _of_number(self, count: int) -> list[End | None]:
         """Ends of descents of so many frames."""
@@ -314,7 +334,7 @@ def again(
     best: End,
     starts: Callable[[Frames], list[Frames]],
     *,
-    times: int = _ROUNDS,
+    times: int,
     least: float = 0.0,
 ) -> list[End]:
     """Ends of free descents from starts near the best, while that gains so many dB each time."""
@@ -334,6 +354,26 @@ def near(room: Room) -> Callable[[Frames], list[Frames]]:
     """Starts of other velocities and exposures than those of some frames, drawn at random."""
     draw = np.random.default_rng(1)
     return lambda frames: [shaken(frames, draw, room, 0.05, 0.1)]
+
+
+def reordered(room: Room) -> Callable[[Frames], list[Frames]]:
+    """Starts of which one has a frame earlier or later, and one is shaken by more or less.
+
+    The level is the same in any order, but not the room and the time that flights between frames
+    take, and no descent leads from one order to another.
+    """
+    draw = np.random.default_rng(1)
+
+    def starts(frames: Frames) -> list[Frames]:
+        order = list(range(frames.exposure.size))
+        order.insert(int(draw.integers(len(order))), order.pop(int(draw.integers(len(order)))))
+        exposure, velocity, place = (each[order] for each in frames[:2] + frames[3:4])
+        gap = np.maximum(room.times.period - exposure[1:], room.times.dead_time)
+        moved = Frames(exposure, velocity, gap, place, frames.pan)
+        shares = draw.choice(_SHARES, 2)
+        return [shaken(moved, draw, room, *_SHARES[:2]), shaken(frames, draw, room, *shares)]
+
+    return starts
 
 
 def shaken(

@@ -22,15 +22,16 @@ from mishutter.model.sequences import SINE
 from mishutter.search.frame_levels import Frames
 from mishutter.search.frame_limits import Room, Shape
 
-PAN, SWEEP, ALTERNATING, FAN, FOLLOW, FREE = (
+PAN, SWEEP, ALTERNATING, FAN, FOLLOW, SWINGS, FREE = (
     "pan",
     "sweep",
     "alternating parabolas",
     "fan of pans",
     "pans with flights back",
+    "swings in each frame",
     "free path",
 )
-"""Ways along an axis, the simplest first, and one of each frame's own."""
+"""Ways along an axis, the simplest first, and two of each frame's own."""
 STILLS, BRACKETED, CIRCLE, TWO_SINES, CROSSED, RING = (
     "stills",
     "stills of two exposures",

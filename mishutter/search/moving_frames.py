@@ -38,6 +38,7 @@ from mishutter.search.frame_ties import (
     PAN,
     STILLS,
     SWEEP,
+    SWINGS,
     WAYS,
     Tie,
 )
@@ -48,12 +49,16 @@ _OF_TELEPHONES = 0.01
 """Time within which a telephone reads its rows; s."""
 _AS_GOOD = 0.05
 """Decibels below the best at which a simpler way is preferred."""
+_FAR = 0.5
+"""Decibels below the best at which an end is not judged: levels that are told differ by less."""
 _MOST = 64
 """Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
 _STRAIGHT = 0.25
 """Way aside of a pan below which a frame is one; px."""
+_BENT = 0.25
+"""Share of a gain of velocity by which a parabola may differ from one on the way."""
 
 
 @outside_trace()
@@ -102,9 +107,22 @@ def best_moving_burst(
 
     levels, is_free = Levels.on_axis(scene), limits.max_jerk is None
     search = Search(levels, room, ties, _pieces, followed, is_free)
-    ends = (_Found.of(scene, end) for end in search.ends(counts, progress))
-    found = [end for end in ends if end is not None]
+    found = _judged(scene, search.ends(counts, progress))
     return _chosen(scene, found) if found else None
+
+
+def _judged(scene: Scene, ends: list[End]) -> list["_Found"]:
+    """Ends within the limits, the best first, but for those that are far below the best."""
+    found: list[_Found] = []
+    least = -math.inf
+    for end in sorted(ends, key=lambda each: -each.level):
+        if end.level < least and not _is_judged_on_sensor(scene):
+            break
+        each = _Found.of(scene, end)
+        if each is not None:
+            found.append(each)
+            least = max(least, end.level - _FAR)
+    return found
 
 
 def _pieces(count: int) -> int:
@@ -270,6 +288,14 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
     return FreeMotion(accelerations=rates, half_exposure=half, velocity=middle)
 
 
+def _bend(motion: AbstractMotion) -> float:
+    """Greatest change of the velocity beside a parabola's, over that from begin to end."""
+    velocities = np.asarray(motion.end_velocities, np.float64)
+    ends = np.asarray(motion.piece_ends, np.float64)
+    along = np.interp(ends, (-1.0, 1.0), velocities[[0, -1]])
+    return float(np.max(np.abs(velocities - along)) / abs(velocities[-1] - velocities[0]))
+
+
 def kind_of(sequence: Exposures) -> str:
     """The way of a sensor over frames, told from their motions and places."""
     moving = [frame for frame in sequence.along if not frame.is_still]
@@ -289,7 +315,8 @@ def kind_of(sequence: Exposures) -> str:
         is_one = len(moving) > 1 and np.ptp(middle) < 0.05 * np.max(np.abs(middle))
         return PAN if is_one else FAN
     if np.all(ends[:, 0] * ends[:, 1] < 0):
-        return ALTERNATING
+        is_parabola = all(_bend(frame.motion) < _BENT for frame in moving)
+        return ALTERNATING if is_parabola and np.all(gains[1:] * gains[:-1] < 0) else SWINGS
     rates = gains / lengths
     is_even = np.ptp(rates) < 0.5 * np.max(np.abs(rates))
     if is_even and np.all(np.diff(middle) * gains[0] > 0):

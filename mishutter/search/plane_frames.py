@@ -235,7 +235,7 @@ class _PlaneSearch(NamedTuple):
         burst = within(limits, end.frames, exposures_of)
         if burst is None:
             return None
-        path: FramePath = burst.path  # type: ignore[assignment]
+        path: FramePath = burst.frames  # type: ignore[assignment]
         made = path.for_rows(self.scene.sensor.readout_time, limits)
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:

@@ -146,7 +146,7 @@ class Row:
     @property
     def is_in_plane(self) -> bool:
         """Whether its sensor moves along rows and columns."""
-        return len(self.exposures.axes) == 2
+        return self.exposures.in_plane
 
     @property
     def is_free(self) -> bool:
@@ -312,10 +312,11 @@ def best_row(rows: Iterable[Row]) -> Row:
 def choice_of(rows: Iterable[Row], own: Iterable[str] = ()) -> Row:
     """The row to take, by `simplest_of`.
 
-    Of rows that are equally simple an ordinary snapshot comes first, then one of the user's.
+    Of rows that are equally simple an ordinary snapshot comes first, at rest and then panned, then
+    one of the user's.
     """
-    order = {name: 1 for name in own} | dict.fromkeys(SNAPSHOTS, 0)
-    return simplest_of((row.level, (*row.rank, order.get(row.name, 2)), row) for row in rows)
+    order = {name: 2 for name in own} | {name: place for place, name in enumerate(SNAPSHOTS)}
+    return simplest_of((row.level, (*row.rank, order.get(row.name, 3)), row) for row in rows)
 
 
 def simplest_of(options: "Iterable[tuple[float, tuple[int, ...], Choice]]") -> "Choice":

@@ -125,9 +125,9 @@ def check_workers(client: Any) -> None:
 def _check_sendable(grid: Grid) -> None:
     """Refuse parts whose class is made anew on a worker, where Equinox does not know its fields."""
 
-    def stays_here(part: Any) -> bool:
-        own = isinstance(part, eqx.Module) and type(part).__module__ == "__main__"
-        return own and bool(dataclasses.fields(part))
+    def stays_here(part: object) -> bool:
+        is_own = type(part).__module__ == "__main__"
+        return isinstance(part, eqx.Module) and is_own and bool(dataclasses.fields(part))
 
     parts = jax.tree.leaves((grid.shutters, grid.search), is_leaf=stays_here)
     kinds = sorted({type(part).__name__ for part in parts if stays_here(part)})

@@ -178,7 +178,7 @@ def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":
     }
     if grid.search is not None:
         axes["coefficient"] = np.arange(grid.search.num_coefficients)
-    coordinates: dict[str, Any] = {
+    coordinates: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, object]]] = {
         name: ((name,), np.asarray(axes[name]), attributes_of(name)) for name in grid.sizes
     }
     if grid.velocities is None:  # a coordinate of each scene
@@ -242,9 +242,10 @@ def _files(grid: Grid, attributes: dict[str, object]) -> dict[str, bytes]:
     """Every file of a store without blocks, by its path in there."""
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
+    from zarr.core.buffer import Buffer
     from zarr.storage import MemoryStore
 
-    files: dict[str, Any] = {}
+    files: dict[str, Buffer] = {}
     store = MemoryStore(files)
     codecs = ZstdCodec(), Crc32cCodec()
     empty = _labelled(grid, {}).assign_attrs(attributes)

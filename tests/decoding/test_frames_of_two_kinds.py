@@ -17,7 +17,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.decoding.frame_doubts import Evidence, Words
-from mishutter.decoding.frame_likelihood import Own, Prior
+from mishutter.decoding.frame_likelihood import Own, Prior, slope_at
 from mishutter.decoding.likeliest import Fit, noises_of
 
 PICTURE = np.asarray(example_picture().light)[100:220, 200:330, 1].astype(np.float64)
@@ -124,6 +124,29 @@ def test_binned_noise_is_as_strong_as_its_pixels_say(size, misfit):
     level, rest = own.level(np.zeros((1, 2)), size), np.zeros(2)
     fit = level.fit(rest, 0.25)
     assert fit.misfit == pytest.approx(misfit, abs=0.03)
+
+
+def test_a_place_of_the_picture_pulls_in_one_tile_of_all_frames():
+    """Of a spot that moves by 36 px along rows and by 24 px down them from frame to frame."""
+    frames, velocity = in_plane((-0.03, 0.03), (1e-3, 1e-3)), np.array([600.0, -400.0])
+    own = Own(np.zeros((2, 64, 96)), np.ones(2), frames, Prior(scene_of(2, 1e4)))
+    level = own.level(velocity[None])
+    canvas = level.canvas
+    light = np.zeros(canvas.shape)
+    light[canvas.margin[0] + 33, canvas.margin[1] + 46] = 1
+    responses = level.responses(velocity[None])[:, 0]
+    shown = np.stack([canvas.through(one, canvas.spectrum(light)) for one in responses])
+    brightest = [np.unravel_index(np.argmax(one), one.shape) for one in shown]
+    assert np.abs(np.subtract(*brightest)) == pytest.approx([24, 36])
+    slope = slope_at(level, velocity)
+    tiles = []
+    for number in range(2):
+        scores = np.zeros((2, *shown.shape))
+        scores[:, number] = shown[number]
+        pulls, pixels = slope._replace(scores=scores).by_place(level)
+        assert np.sum(pixels) == 2 * 64 * 96
+        tiles.append(np.argmax(pulls, axis=1))
+    np.testing.assert_array_equal(*tiles)
 
 
 WORDS = Words("velocity", "reasons", "parts", "beyond")

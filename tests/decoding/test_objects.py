@@ -12,13 +12,14 @@ from mishutter.decoding.objects.arrangement import Thing as Found
 from mishutter.decoding.objects.candidates import candidates
 from mishutter.decoding.objects.composite import Alone, composite, labels_of, trusted
 from mishutter.decoding.objects.finding import found_in, put_in_order
-from mishutter.decoding.objects.grids import Window, moved, splines
+from mishutter.decoding.objects.grids import moved
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, _sheet, light_of
 from mishutter.decoding.objects.outlines import given_others, sharpen
 from mishutter.decoding.objects.restored import _instants_of as instants_of
 from mishutter.decoding.objects.restored import knowledge_of
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
+from mishutter.pictures.registration.windows import Window, splines
 
 RATE, READ_NOISE, FASTEST = 1e5, 8.0, 900.0
 TIMES = np.array([-0.03, -0.01, 0.01, 0.03])
@@ -199,6 +200,21 @@ def test_nothing_is_found_where_nothing_moves():
     random = np.random.default_rng(4)
     frames = frames_of(ground(), [], TIMES, EXPOSURES, random)
     assert candidates(stills(frames)).things == []
+
+
+def test_slow_and_touching_things_are_candidates():
+    """One that goes 3 px in all, and two side by side, each within 1.5 px over the frames."""
+    slow = [thing(7, (64.0, 64.0), 26.0, (40.0, -30.0))]
+    beside = [
+        thing(8, (64.0, 40.0), 24.0, (0.0, 150.0)),
+        thing(9, (64.0, 88.0), 24.0, (90.0, 150.0)),
+    ]
+    for things in (slow, beside):
+        frames = frames_of(ground(), things, TIMES, EXPOSURES, np.random.default_rng(4))
+        found = candidates(stills(frames)).things
+        for each in things:
+            away = [np.hypot(*(own.velocity - each.velocity)) * 0.06 for own in found]
+            assert min(away, default=9.0) < 1.5
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter, rotate
 import mishutter as ms
 from mishutter import cli
 from mishutter.decoding.decoders.base import blur_model
-from mishutter.decoding.decoders.speed import Posterior, speeds_to_try
+from mishutter.decoding.decoders.speed import Posterior, SpeedEstimate, speeds_to_try
 from mishutter.decoding.decoders.speed_finding import at_speed
 from mishutter.decoding.restoration import restored_light
 
@@ -396,3 +396,19 @@ def test_the_command_says_what_it_found(tmp_path, capsys):
     assert "none  restored for all speeds of the scene" in written.out
     assert "warning: The picture has too little detail to show its speed." in written.err
     assert "warning: " in written.err
+
+
+@pytest.mark.parametrize(
+    ("pan", "speeds", "weights"),
+    [(1000.0, [200.0, 700.0, 1000.0], [0.3, 0.5, 0.2]), (150.0, [150.0, 450.0, 950.0], None)],
+)
+def test_speeds_beside_a_pan_keep_their_weights(pan, speeds, weights):
+    """Where the scene's go further against the pan, they are counted from it down."""
+    scene = ms.Scene(np.linspace(100.0, 1100.0, 5), photon_rate=1e5, read_noise=2.0)
+    motion = ms.ParabolicMotion(acceleration=2e4, half_exposure=0.01, velocity=pan)
+    told = np.array([0.2, 0.5, 0.3])
+    beside = SpeedEstimate(300.0, 5.0, True, np.array([0.0, 300.0, 800.0]), told, "")
+    found = beside.of(scene, motion)
+    assert found.speed == pytest.approx(speeds[1])
+    np.testing.assert_allclose(found.speeds, speeds)
+    np.testing.assert_allclose(found.weights, told if weights is None else weights)

@@ -173,6 +173,17 @@ def test_no_camera_exceeds_the_ceiling(name, motion):
     assert float(metrics.known_speed_psnr) < float(ceiling(LAYERS[name]))
 
 
+def test_layers_of_few_outlines_have_the_ceiling_of_one_picture():
+    """Both move at the same speeds, and what beats between far outlines at those of either."""
+    wide = Occlusion(front_share=0.5, object_width=3e4, background="moving")
+    one, two = (
+        Scene([200.0, 900.0, 1700.0], photon_rate=1e5, read_noise=5.0, occlusion=each)
+        for each in (None, wide)
+    )
+    level = float(ceiling(one, max_half_exposure=4e-3))
+    assert level - 0.02 < float(ceiling(two, max_half_exposure=4e-3)) < level
+
+
 def test_a_pan_asks_for_as_many_effective_speeds():
     """As the layers need that move as fast against one another as seen from a sensor at rest."""
     for occlusion in (STILL, Occlusion(front_share=0.4, object_width=70.0, background="moving")):

@@ -47,7 +47,7 @@ from mishutter.design.design import GIVEN
 
 # The starts of a fit, of which it returns the end of the best.
 from mishutter.hardware.calibration.estimation import Estimate
-from mishutter.hardware.calibration.likelihood import Setting
+from mishutter.hardware.calibration.likelihood import Setting, _strength_and_place
 from mishutter.hardware.calibration.measurements import Measurements, read_measurements
 
 # The model of a recording; a fit returns only the numbers that minimise its misfit.
@@ -500,3 +500,13 @@ def test_a_picture_in_colour_has_no_levels(tmp_path):
     (tmp_path / "bench.toml").write_text('[[picture]]\npath = "c.tif"\n')
     with pytest.raises(ValueError, match="be a grey picture; got colours in "):
         read_measurements(tmp_path / "bench.toml")
+
+
+@pytest.mark.parametrize(("rise", "place"), [(0.0, 17.3), (3.0, 20.5), (-3.0, 20.5)])
+def test_a_point_is_over_the_background_at_both_its_ends(rise, place):
+    """The sum of a point of 600 levels, before a background that rises along the rows."""
+    x = np.arange(41) + 0.5
+    point = 600 / np.sqrt(8 * np.pi) * np.exp(-((x - place) ** 2) / 8)
+    strength, centroid = _strength_and_place(90 + rise * (x - 20.5) + point, False)
+    assert strength == pytest.approx(600, abs=0.5)
+    assert rise or centroid == pytest.approx(place, abs=0.01)

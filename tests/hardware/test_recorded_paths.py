@@ -91,7 +91,7 @@ def test_a_burst_along_one_axis_is_where_the_encoder_was(pans):
     """Place, velocity and path of each frame; a camera that turns adds its pan to the stage."""
     design, pan = a_burst_design(), 150.0 * (pans == "camera")
     design = replace(design, sequence=replace(design.sequence, pan=pan))
-    path = design.sequence.stage_path_within(design.scene.limits)
+    path = design.sequence.stage_paths_within(design.scene.limits).get("")
     built, apart = with_recorded_path(design, recorded([path]), middle=CLOCK)
     pairs = list(zip(design.sequence.frames, built.sequence.frames, strict=True))
     shift = pairs[0][1].position - pairs[0][0].position
@@ -107,7 +107,7 @@ def test_a_burst_along_one_axis_is_where_the_encoder_was(pans):
 def test_a_frame_counts_in_the_difference_as_long_as_it_is_exposed():
     """Of a stage that is 0.8 px aside in the first of 4.2 and 13.6 ms, and not in the second."""
     design = a_burst_design()
-    path = recorded([design.sequence.stage_path_within(design.scene.limits)], count=4000)
+    path = recorded([design.sequence.stage_paths_within(design.scene.limits).get("")], count=4000)
     aside = 0.8 * np.clip((path.time - CLOCK + 0.0065) / 0.008, 0, 1)
     _, apart = with_recorded_path(design, path._replace(place=path.place - aside), middle=CLOCK)
     share = 4.2 / 17.8
@@ -219,7 +219,7 @@ def test_restore_takes_the_recorded_path(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     design = a_burst_design(sensor=ms.Sensor(pixel_pitch=4.8e-6))
     design.save("design.json")
-    path = design.sequence.stage_path_within(design.scene.limits)
+    path = design.sequence.stage_paths_within(design.scene.limits).get("")
     strayed = recorded([path], bend=2.5)
     built, _ = with_recorded_path(design, strayed, middle=CLOCK)
     rows = zip(strayed.time * 1e3, strayed.place[0] * 4.8, strict=True)

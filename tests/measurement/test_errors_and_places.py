@@ -15,8 +15,8 @@ from mishutter.measurement.photon_transfer import Law, Transfer, blocks_of, pair
 from mishutter.measurement.scene import along_axis
 from mishutter.measurement.signs import detail_excess, shot_gamma
 from mishutter.measurement.steady import Steady, _moves
-from mishutter.measurement.sweep import Region, Smoothed
 from mishutter.measurement.texture import averaged
+from mishutter.pictures.registration.sweep import Region, Smoothed, swept
 
 
 def an_object(velocity, error) -> MovingObject:
@@ -120,6 +120,14 @@ def test_the_error_of_what_detail_adds_is_its_scatter():
     assert abs(np.mean(values)) < np.mean(errors) / 2
 
 
+def test_noise_leaves_a_residual_of_one_however_many_frames_see_it():
+    """Along every velocity, also those that leave the sensor within five frames."""
+    frames = np.random.default_rng(8).normal(size=(5, 112, 144)).astype(np.float32)
+    residuals = swept(frames, np.arange(5.0), 1)[0].residuals
+    assert np.mean(residuals) == pytest.approx(1, abs=0.02)
+    np.testing.assert_allclose(np.mean(residuals, axis=(1, 2)), 1, atol=0.1)
+
+
 @pytest.mark.parametrize("step", [1.0, 16.0])
 def test_a_gamma_is_told_without_the_noise_of_steps(step):
     """Of light whose noise is 0.2 steps^2 where it is bright, be levels 1 or 16 apart."""
@@ -184,7 +192,9 @@ def test_the_error_of_a_velocity_in_dim_light_is_its_scatter():
     for _ in range(40):
         moved = [light[20 - k : 84 - k, 20 + 2 * k : 92 + 2 * k] for k in (-1, 0, 1)]
         frames = 2 * np.stack(moved) / light.std() + random.normal(size=(3, 64, 72))
-        region = Region(Smoothed.of(frames, 1.0), 1, range(3), mask)
+        region = Region(
+            Smoothed.of(frames, np.arange(len(frames), dtype=float), 1.0), 1, range(3), mask
+        )
         found, covariance, _ = region.polished(velocity + np.array([0.02, -0.03]))
         velocities.append(found)
         squares.append(np.diag(covariance))

@@ -10,7 +10,8 @@ from support.clips import ClipOf, Thing
 from mishutter.measurement.clip import clip_of
 from mishutter.measurement.measurement import noise_from
 from mishutter.measurement.motion import motion_of
-from mishutter.measurement.sweep import Box, Smoothed, swept
+from mishutter.pictures.registration.sweep import Smoothed, swept
+from mishutter.pictures.registration.windows import Window
 
 CLIP = ClipOf(
     (
@@ -112,12 +113,12 @@ def test_a_patch_that_changes_has_no_velocity():
 def test_splines_shift_as_scipys_do():
     """Rows and columns, in and out of the picture."""
     frames = np.random.default_rng(1).normal(size=(2, 61, 57)).astype(np.float32)
-    smoothed = Smoothed.of(frames, 1.2)
-    box, move = Box(17, 40, 30, 57), np.array([-3.3, 4.7])
-    values, seen = smoothed.along(move, 0, [1], box)
+    smoothed = Smoothed.of(frames, np.arange(2.0), 1.2)
+    window, move = Window(17, 30, 23, 27), np.array([-3.3, 4.7])
+    values, seen = smoothed.along(move, 0, [1], window)
     places = np.meshgrid(np.arange(17, 40) - 3.3, np.arange(30, 57) + 4.7, indexing="ij")
-    plain = ndimage.gaussian_filter(frames[1], 1.2).astype(float)
-    expected = ndimage.map_coordinates(plain, places, order=3, mode="nearest")
+    plain = ndimage.gaussian_filter(frames[1], 1.2, mode="nearest").astype(float)
+    expected = ndimage.map_coordinates(plain, places, order=3, mode="mirror")
     np.testing.assert_allclose(values[0][:, :18], expected[:, :18], atol=1e-4)
     assert not seen[0][:, -5:].any()
     assert seen[0][:, :18].all()
@@ -129,7 +130,7 @@ def test_the_right_velocity_leaves_noise_alone():
     texture = 9 * ndimage.gaussian_filter(rng.normal(size=(96, 128)), 1.5)
     frames = np.stack([np.roll(texture, (4 * k, -8 * k), (0, 1)) for k in range(3)])
     frames = (frames + rng.normal(size=frames.shape)).astype(np.float32)
-    sweep = swept(frames, 1, 1)
+    sweep, _ = swept(frames, np.arange(3.0), 1)
     near = sweep.near(np.array([4.0, -8.0]), 0.9)
     assert np.nanmedian(sweep.residuals[near].min(axis=0)) < 1.5
     assert np.nanmedian(sweep.residuals[sweep.near(np.array([-6.0, 6.0]), 0.9)]) > 3
@@ -142,7 +143,7 @@ def test_a_sweep_over_every_other_frame_has_velocities_of_a_frame(reference):
     texture = 9 * ndimage.gaussian_filter(rng.normal(size=(96, 144)), 1.5)
     frames = np.stack([np.roll(texture, (4 * k, -8 * k), (0, 1)) for k in range(4)])
     frames = (frames + rng.normal(size=frames.shape)).astype(np.float32)
-    sweep = swept(frames, reference, 2)
+    sweep, _ = swept(frames, 2 * np.arange(4.0), reference)
     assert sweep.step == pytest.approx(4.8 / 6)
     best = sweep.velocities[np.argmin(sweep.residuals, axis=0)]
     np.testing.assert_allclose(np.median(best, axis=(0, 1)), [2, -4], atol=0.6)
@@ -157,11 +158,27 @@ def moving(right, down, count, lost=()):
     return found(clip, np.delete(clip.levels(), lost, axis=0))
 
 
-@pytest.mark.parametrize(("speed", "count"), [(0.4, 8), (0.8, 8), (0.8, 10), (1.3, 9)])
+@pytest.mark.parametrize(("speed", "count"), [(0.4, 8), (0.8, 8), (0.8, 10), (1.3, 9), (0.15, 16)])
 def test_slow_objects_are_found(speed, count):
-    """Below 1.4 px a frame, in clips of 8 to 10 frames."""
+    """Below 1.4 px a frame, in clips of 8 to 10 frames; what goes 2 px in all by far frames."""
     (each,) = moving(-speed, 0.3 * speed, count).objects
     assert each.velocity == pytest.approx((15 * speed, -50 * speed), abs=2.5)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [((0.0, 50.0), (0.0, -50.0)), ((25.0, 25.0), (0.0, 60.0))]
+)
+def test_slow_objects_that_touch_are_two(one, other):
+    """Six frames in which two halves of what changes go 1 px a frame each, or half as far."""
+    things = (
+        Thing((75, 56), (34, 32), one, "coins.png"),
+        Thing((75, 116), (34, 32), other, "motorcycle_left.png"),
+    )
+    objects = found(ClipOf(things, (150, 172), "camera.png", 6, seed=22)).objects
+    assert len(objects) == 2
+    for velocity in (one, other):
+        away = [np.hypot(*(np.array(each.velocity) - velocity)) for each in objects]
+        assert min(away) < 3
 
 
 @pytest.mark.parametrize("lost", [(4,), pytest.param((2, 3), marks=pytest.mark.slow)])

@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from support.clips import ClipOf, Thing
 
 import mishutter as ms
 from mishutter.measurement.motion import Motion, MovingObject
 from mishutter.measurement.photon_transfer import Law
 from mishutter.measurement.scene import along_axis
-from mishutter.measurement.texture import Averaged, light_of_texture
+from mishutter.measurement.texture import Averaged, is_empty, light_of_texture
 from mishutter.pictures.images import row_power_spectrum
 
 CLIP = ClipOf(
@@ -230,3 +231,33 @@ def test_errors_stand_where_answers_read_them(measurement, tmp_path):
     assert float(errors.read_noise) == pytest.approx(noise.read_noise.error, rel=0.05)
     assert float(errors.speed) == pytest.approx(measurement.along.error, rel=0.05)
     assert float(errors.front_share) == 0.05
+
+
+@pytest.mark.parametrize(
+    ("level", "contrast", "expected"), [(0.01, 0.0, True), (0.01, 0.08, False), (0.2, 0.0, False)]
+)
+def test_a_background_is_empty_if_it_is_dark_and_shows_nothing(level, contrast, expected):
+    """Beside a thing of 0.3 of white and a contrast of 0.1, in the noise of 400 levels."""
+    random, shape = np.random.default_rng(8), (96, 128)
+    rows, columns = np.indices(shape)
+    thing = np.hypot(rows - 44, columns - 60) < 26
+    detail = ndimage.gaussian_filter(random.normal(size=shape), 1.5)
+    detail *= np.where(thing, 0.1, contrast) / detail.std()
+    light = np.where(thing, 0.3, level) + detail
+    levels = 50 + 1000 * light + 20 * random.normal(size=shape)
+    law = Law(dark=400.0, gain=0.0, floor=1.0)
+    assert is_empty(Averaged(levels, np.ones(shape)), ~thing, law, 50.0) is expected
+
+
+def test_before_an_empty_background_the_scene_is_of_what_moves(measurement, monkeypatch):
+    """Its things have their own width, and the picture their mean light."""
+    monkeypatch.setattr("mishutter.measurement.measurement.is_empty", lambda *_: True)
+    found = ms.measure(CLIP.levels(), dark=CLIP.dark(), **TOLD)
+    assert found.scene.occlusion is None
+    assert found.scene.errors.front_share == 0
+    assert found.scene.objects.width == pytest.approx(66, abs=10)
+    moves = found.motion.labels > 0
+    black, white = found.noise.black_level, found.clip.white
+    light = (np.mean(found.clip.frames[found.motion.frame][moves]) - black) / (white - black)
+    assert found.light.mean() == pytest.approx(light, abs=0.02)
+    assert abs(light - measurement.light.mean()) > 0.04

@@ -145,6 +145,12 @@ def test_any_parameters_are_a_spline_shutter(parameters):
     assert np.all((value >= 0) & (value <= 1))
 
 
+def test_parameters_beyond_an_end_fold_back_from_it():
+    """As far within as they are beyond it, at 0 as at 1, and again at the next end."""
+    folded = SplineShutter([-0.2, 0.3, 1.2, 1.9, 2.4, -1.7]).coefficients
+    np.testing.assert_allclose(folded, [0.2, 0.3, 0.8, 0.1, 0.4, 0.3], atol=1e-12)
+
+
 def test_splines_hold_a_rect_and_fit_a_hann():
     """All ones are fully open, edges included; 24 coefficients follow a Hann to 2e-3."""
     rect = SplineShutter(np.ones(9)).transmittance(np.array([-1.0, 0.3, 1.0]))

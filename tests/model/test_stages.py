@@ -218,7 +218,7 @@ def test_a_path_leads_through_all_frames(name, pan):
         (one.time, one.position + pan * one.time, one.motion.panned(one.motion.velocity + pan))
         for one in BURSTS[name].frames
     ]
-    path = burst(*frames, pan=pan).stage_path_within(Limits(max_acceleration=most))
+    path = burst(*frames, pan=pan).stage_paths_within(Limits(max_acceleration=most)).get("")
     for one in BURSTS[name].frames:
         elapsed = np.linspace(-0.999, 0.999, 9) * float(one.motion.half_exposure)
         place, velocity = path.at(one.time + elapsed)
@@ -235,11 +235,23 @@ def test_a_path_leads_through_all_frames(name, pan):
 
 def test_between_frames_a_stage_takes_the_least_acceleration():
     """Swings that meet at one velocity need none, and a sweep goes on along its parabola."""
-    swings = BURSTS["swings"].stage_path_within(Limits())
+    swings = BURSTS["swings"].stage_paths_within(Limits()).get("")
     between = (swings.times[:-1] >= -0.002 - 1e-9) & (swings.times[:-1] < 0.002 - 1e-9)
     np.testing.assert_allclose(swings.accelerations[between], 0.0, atol=1e-3)
-    sweep = BURSTS["sweep"].stage_path_within(Limits())
+    sweep = BURSTS["sweep"].stage_paths_within(Limits()).get("")
     np.testing.assert_allclose(np.abs(sweep.accelerations), 4e5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("velocity", [900.0, -900.0])
+def test_a_stage_of_any_acceleration_stays_where_its_frames_are(velocity):
+    """After a way of 7.2 px it turns round at once, for a slower one in the same direction."""
+    first, second = (
+        LinearMotion(half_exposure=0.004, velocity=v) for v in (velocity, velocity / 3)
+    )
+    path = burst((-0.01, 0.0, first), (0.01, 0.0, second)).stage_paths_within(Limits()).get("")
+    place = path.at(np.linspace(-0.014, 0.014, 2001))[0]
+    assert place.min() == pytest.approx(-3.6, abs=0.02)
+    assert place.max() == pytest.approx(3.6, abs=0.02)
 
 
 def test_a_path_without_a_limit_ends_where_it_is_told():
@@ -250,15 +262,15 @@ def test_a_path_without_a_limit_ends_where_it_is_told():
     )
     at_rest = burst((-0.01, 1.0, still), (0.01, 1.0, still))
     steady = burst((-0.01, -0.8, moving), (0.01, 0.8, moving))
-    assert BURSTS["one at rest"].stage_path_within(Limits()) is None
-    assert steady.stage_path_within(Limits()) is None
+    assert BURSTS["one at rest"].stage_paths_within(Limits()).get("") is None
+    assert steady.stage_paths_within(Limits()).get("") is None
     assert (
-        at_rest.stage_path_within(Limits())
-        is at_rest.stage_path_within(Limits(max_acceleration=9e5))
+        at_rest.stage_paths_within(Limits()).get("")
+        is at_rest.stage_paths_within(Limits(max_acceleration=9e5)).get("")
         is None
     )
     limits = Limits(max_acceleration=9e5, max_travel=2.0)
-    path = steady.stage_path_within(limits)
+    path = steady.stage_paths_within(limits).get("")
     assert path.travel == pytest.approx(80 * 0.026 + 80**2 / 9e5, rel=1e-4)
     assert limits.travel_beyond(path) == path.travel
     assert Limits(max_acceleration=9e5, max_travel=2.2).travel_beyond(path) is None
@@ -276,7 +288,7 @@ def _sampled(path):
 @pytest.mark.parametrize("name", BURSTS)
 def test_a_burst_asks_of_its_stage_what_its_path_does(name, jerk):
     """Travel, stroke and top speed are those of the path at many times, run-ups included."""
-    path = BURSTS[name].stage_path_within(Limits(max_acceleration=1.2e6, max_jerk=jerk))
+    path = BURSTS[name].stage_paths_within(Limits(max_acceleration=1.2e6, max_jerk=jerk)).get("")
     use = path.use
     np.testing.assert_allclose((use.travel, use.stroke, use.top_speed), _sampled(path), rtol=1e-4)
     assert use.acceleration == pytest.approx(np.max(np.abs(path.accelerations)), rel=1e-9)
@@ -292,7 +304,7 @@ def test_a_stage_that_runs_up_between_frames_takes_its_way_in_the_burst():
         (-0.013, at_rest, StillCamera(half_exposure=0.0004)),
         (0.009, 0.0, moving.panned(0.0)),
     )
-    use = frames.stage_path_within(Limits(max_acceleration=acceleration)).use
+    use = frames.stage_paths_within(Limits(max_acceleration=acceleration)).get("").use
     assert float(use.stroke) == pytest.approx(at_rest, rel=1e-9)
     assert frames.stroke == pytest.approx(at_rest, rel=1e-9)
     assert float(use.acceleration) == pytest.approx(speed / half, rel=1e-9)
@@ -309,7 +321,7 @@ def test_a_run_up_of_limited_jerk_leads_to_a_burst():
     frames = burst(
         (-duration - 0.001, 0.0, StillCamera(half_exposure=0.0005)), (half, place, motion)
     )
-    path = frames.stage_path_within(Limits(max_acceleration=acceleration, max_jerk=jerk))
+    path = frames.stage_paths_within(Limits(max_acceleration=acceleration, max_jerk=jerk)).get("")
     assert float(path.use.jerk) == pytest.approx(jerk, rel=1e-9)
     ends = path.accelerations + path.jerks * np.diff(path.times)
     # No acceleration jumps, from rest to rest.
@@ -317,11 +329,31 @@ def test_a_run_up_of_limited_jerk_leads_to_a_burst():
     assert float(path.use.acceleration) <= acceleration * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("velocity", [0.0, 700.0], ids=["swings", "pans"])
+def test_a_limit_of_the_jerk_alone_says_how_a_stage_gets_to_frames(velocity):
+    """As it does of one exposure: no acceleration is limited where no limit says one."""
+    limits, half = Limits(max_jerk=7e8), 0.006
+    motion = LinearMotion(half_exposure=half, velocity=velocity) if velocity else swing(1)
+    (path,) = burst((0.0, 0.0, motion)).stage_paths_within(limits).values()
+    wanted = limits.stage_path(motion)
+    for one, other in zip(path[:-1], wanted[:-1], strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+
+
+def test_a_pan_over_frames_is_reached_at_a_limit_of_the_jerk_alone():
+    """In the time of two ramps of the acceleration, up to the root of speed times jerk."""
+    moving = LinearMotion(half_exposure=0.006, velocity=700.0)
+    frames = burst((-0.01, -7.0, moving), (0.01, 7.0, moving))
+    (path,) = frames.stage_paths_within(Limits(max_jerk=7e8)).values()
+    assert float(path.use.acceleration) == pytest.approx(np.sqrt(700 * 7e8), rel=1e-9)
+    assert path.exposure[0] - path.times[0] == pytest.approx(2 * np.sqrt(700 / 7e8), rel=1e-9)
+
+
 def test_a_velocity_that_jumps_has_no_path():
     """Frames at two velocities that touch: no limit says how, and no stage can."""
     first, second = (LinearMotion(half_exposure=0.004, velocity=v) for v in (-300.0, 500.0))
     touching = burst((-0.004, 0.0, first), (0.004, 0.8, second))
-    assert touching.stage_path_within(Limits()) is None
+    assert touching.stage_paths_within(Limits()).get("") is None
     assert touching.stroke == pytest.approx(4.0)
 
 

@@ -1,5 +1,6 @@
 """Pictures say what they show: labelled axes with units, lines that survive a grey printout."""
 
+import json
 import os
 from dataclasses import replace
 from functools import cache
@@ -526,6 +527,12 @@ def test_profiles_of_a_front():
         point = xarray.Dataset({"coefficients": ("coefficient", spline)}, {"shutter": name})
         found = sweep_plots._transmittance(swept(), point, tau)
         np.testing.assert_array_equal(found, shutter.transmittance(tau))
+    # Of a shutter of one's own a sweep holds samples from the first light to the last.
+    own = {"kind": "Own", "transmittance": [0.0, 0.9, 0.6, 0.4, 0.2]}
+    samples = xarray.Dataset(attrs={"sweep": json.dumps({"shutters": {"own": own}})})
+    point = xarray.Dataset({}, {"shutter": "own"})
+    found = sweep_plots._transmittance(samples, point, np.array([-0.75, -0.5, 0.25, 1.0]))
+    np.testing.assert_allclose(found, [0.45, 0.9, 0.5, 0.2])
 
 
 @pytest.mark.slow

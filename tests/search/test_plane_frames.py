@@ -12,10 +12,12 @@ from mishutter import (
     EvenVelocities,
     Limits,
     ListedVelocities,
+    Occlusion,
     Scene,
     Sensor,
     best_in_plane,
     cli,
+    exposures_psnr,
 )
 from mishutter.cli.plane_command import _require_frames
 from mishutter.evaluation.bursts import FrameTimes
@@ -256,7 +258,9 @@ def test_frames_that_lose_more_at_the_borders_of_a_sensor_are_not_recommended():
     assert "not counted" not in text
     assert answer.to_dict()["options"][1]["width_loss_db"] == 0.21
     assert "borders cost more" not in text
-    sines = replace(sines, width_loss=0.3)
+    lengths = np.array([0.005, 0.008, 0.006, 0.003])  # of which the longest counts
+    uneven = replace(sines.frames, exposures=lengths)
+    sines = replace(sines, width_loss=0.3, frames=uneven)
     narrow = a_scene(sensor=Sensor(width=54.0))
     text = answer_in_plane(narrow, replace(search, bursts=(stills, sines))).text()
     assert "borders cost more than is counted: things move by 14 px" in " ".join(text.split())
@@ -436,3 +440,20 @@ def test_a_camera_that_cannot_tell_a_velocity_is_refused_by_its_keys(burst, line
     with pytest.raises(ValueError, match=re.escape(line)):
         _require_frames(scene)
     _require_frames(replace(scene, decoder_speed="known"))
+
+
+def test_before_a_background_frames_rest_and_one_frame_has_one_filter():
+    """A frame alone tells no velocities; one filter is as good as told where there is one."""
+    burst = BurstMode(frames_per_s=50.0, max_frames=4, window=0.08)
+    numbers = {"photon_rate": 1e5, "read_noise": 8.0, "burst": burst}
+    numbers["limits"] = Limits(max_stroke=60.0, max_half_exposure=0.01)
+    layers = Occlusion(front_share=0.3, object_width=70.0)
+    scene = Scene.any_direction(800.0, occlusion=layers, **numbers)
+    found = best_in_plane(scene)
+    assert not any(each.moves for each in found.bursts)
+    assert found.snapshot.level < float(exposures_psnr(scene, found.snapshot)) - 0.3
+    assert found.snapshot.level + 2 < found.bursts[0].level < found.ceiling
+    whole = Occlusion(front_share=1.0)
+    alike = Scene.any_direction(ListedVelocities([(500.0, 200.0)]), occlusion=whole, **numbers)
+    snapshot = best_in_plane(alike).snapshot
+    assert snapshot.level == pytest.approx(float(exposures_psnr(alike, snapshot)), abs=1e-4)

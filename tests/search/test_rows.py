@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import pytest
 from support.designs import MOTION, SCENE
-from support.rows import FREE, changed, made_up, sequence
+from support.rows import FREE, STILL, changed, made_up, sequence
 
 from mishutter import (
     ChippedShutter,
@@ -22,7 +22,14 @@ from mishutter.evaluation.metrics import SequenceMetrics, evaluate
 from mishutter.evaluation.views import transmittance
 from mishutter.report.comparison import with_verdict
 from mishutter.search.rivals import _row_of_burst
-from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, SHUTTER, best_row, cameras_of
+from mishutter.search.rows import (
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
+    SHUTTER,
+    best_row,
+    cameras_of,
+    choice_of,
+)
 
 OPENING = ChippedShutter([0.25, 0.75, 1.0])
 """A shutter that opens in three steps."""
@@ -174,3 +181,12 @@ def test_a_burst_has_the_metrics_of_its_decoder():
     assert (row.psnr, row.worst_psnr, row.within) == (frames.psnr, frames.worst_psnr, None)
     assert SHUTTER not in row.required_hardware
     assert not row.hides_speed
+
+
+def test_a_pan_that_has_nowhere_to_go_is_no_other_snapshot():
+    """Without a stage it is better by a rounding than the same one at rest, which is taken."""
+    rest, pan = made_up({BEST_SNAPSHOT: 28.74, BEST_PANNED_SNAPSHOT: 28.7401})
+    assert choice_of([rest, changed(pan, motion=STILL)]) is rest
+    assert choice_of([rest, pan]) is rest
+    (better,) = made_up({BEST_PANNED_SNAPSHOT: 31.0})
+    assert choice_of([rest, better]) is better

@@ -2,21 +2,22 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, TypeVar, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.fft import dct, idct
-from jaxtyping import Array, ArrayLike, Complex, Float
+from jaxtyping import Array, Complex, Float
 
-from mishutter._core.checks import namespace_of, require, require_positive_int
+from mishutter._core.checks import Numbers, namespace_of, require, require_positive_int
 from mishutter._core.compiling import compiled
 from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of
+from mishutter.model.motion import Positions
 
 EDGES, SMOOTH = 0.3, 0.1
 """Weights of the two laws: the best in the mean over photographs and scenes from dim to bright."""
@@ -76,7 +77,7 @@ class TotalVariationDecoder(AbstractDecoder):
         )
         return _split(captured, extension, problem, self.num_iterations)
 
-    def scales(self, error: ArrayLike) -> "Scales":
+    def scales(self, error: Positions | float) -> "Scales":
         """Weights against the edges' own, where the ensemble filter leaves a squared error.
 
         Args:
@@ -86,12 +87,15 @@ class TotalVariationDecoder(AbstractDecoder):
         return Scales(scale, SMOOTH * scale, THRESHOLD * np.sqrt(error))
 
 
+_Numbers = TypeVar("_Numbers", bound=Numbers)
+
+
 class Scales(NamedTuple):
     """Weights of a minimisation by steps."""
 
-    data: Any  # Of the misfit
-    smooth: Any  # Of the smooth prior
-    threshold: Any  # Length by which differences shrink
+    data: Positions | float  # Of the misfit
+    smooth: Positions | float  # Of the smooth prior
+    threshold: Positions | float  # Length by which differences shrink
 
 
 class _Problem(NamedTuple):
@@ -173,7 +177,9 @@ def adjoint_differences(
 
 
 def advanced(
-    fitted: Callable[[Any], Any], differences: Callable[[Any], Any], threshold: Any
+    fitted: Callable[[_Numbers], _Numbers],
+    differences: Callable[[_Numbers], _Numbers],
+    threshold: Positions | float,
 ) -> Callable[[tuple], tuple]:
     """A step of a picture, its differences and what these lack, by the picture of given ones."""
 
@@ -187,7 +193,7 @@ def advanced(
     return advance
 
 
-def _shrunk(differences: Any, threshold: Any) -> Any:
+def _shrunk(differences: Numbers, threshold: Positions | float) -> Numbers:
     """Vectors shorter by the threshold, or 0; their slope is finite also where they are 0."""
     space = namespace_of(differences)
     square = space.sum(differences**2, axis=0, keepdims=True)

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.decoding.objects.grids import Mask, Window, moved
+from mishutter.decoding.objects.grids import Mask, moved
 from mishutter.decoding.objects.stills import Stills
+from mishutter.pictures.registration.windows import Window
 
 MARGIN = 24
 """Pixels about an outline in which its own is looked for."""

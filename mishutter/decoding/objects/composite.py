@@ -22,7 +22,7 @@ from scipy import ndimage
 
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.objects.arrangement import Arrangement
-from mishutter.decoding.objects.grids import Mask, Window, moved, smoothed, splines
+from mishutter.decoding.objects.grids import Mask, moved
 from mishutter.decoding.objects.light import (
     Knowledge,
     Layers,
@@ -32,6 +32,7 @@ from mishutter.decoding.objects.light import (
     light_of,
 )
 from mishutter.decoding.objects.stills import Stills
+from mishutter.pictures.registration.windows import Window, smoothed, splines
 
 _NEIGHBOURHOODS = (2.0, 6.0)
 """Gaussians under which layers and frame are weighed: what is left is strong, or wide; px."""

@@ -10,10 +10,11 @@ from scipy import ndimage
 
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.candidates import candidates, within
-from mishutter.decoding.objects.grids import Mask, moved, splines
+from mishutter.decoding.objects.grids import Mask, moved
 from mishutter.decoding.objects.outlines import Along, cut_out, mean_lights, sharpen
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
+from mishutter.pictures.registration.windows import splines
 
 _ROUNDS, _SHARPENINGS = 4, 3
 _LEAST_EVIDENCE = 150.0

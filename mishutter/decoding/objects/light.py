@@ -37,8 +37,9 @@ from mishutter.decoding.decoders.total_variation import (
     TotalVariationDecoder,
 )
 from mishutter.decoding.objects.arrangement import Arrangement
-from mishutter.decoding.objects.grids import Mask, Window, smoothed
+from mishutter.decoding.objects.grids import Mask
 from mishutter.decoding.objects.stills import Stills
+from mishutter.pictures.registration.windows import Window, smoothed
 
 OnCanvas = Callable[[tuple[int, int]], np.ndarray]
 """Numbers on half of the DFT of a canvas of so many rows and columns."""

@@ -21,17 +21,9 @@ from scipy.special import erfinv
 
 from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.objects.arrangement import Arrangement
-from mishutter.decoding.objects.grids import (
-    Mask,
-    Window,
-    filled,
-    from_outline,
-    moved,
-    of_few_edges,
-    smoothed,
-    splines,
-)
+from mishutter.decoding.objects.grids import Mask, from_outline, moved, of_few_edges
 from mishutter.decoding.objects.stills import Stills
+from mishutter.pictures.registration.windows import Window, filled, smoothed, splines
 
 PURE = 0.9
 """Share of a pixel above which one layer is all that it shows."""

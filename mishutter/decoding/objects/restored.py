@@ -26,7 +26,6 @@ from mishutter.decoding.objects.composite import (
     whole_of,
 )
 from mishutter.decoding.objects.finding import Told, found_in
-from mishutter.decoding.objects.grids import Window
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, light_of
 from mishutter.decoding.objects.readout import Readout
 from mishutter.decoding.objects.stills import Stills
@@ -37,6 +36,7 @@ from mishutter.model.scene import Scene
 from mishutter.model.sensor import white_electrons
 from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, Picture, transposed
+from mishutter.pictures.registration.windows import Window
 
 Progress = Callable[[str, float], None]
 

@@ -1,7 +1,7 @@
 """Frames of a sensor at rest or on a known path, and their noise."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,7 +18,7 @@ _AT_REST = 0.05
 """Way of a sensor within which it stands still; px."""
 
 
-Level = Any
+Level = np.ndarray | np.floating | float
 """Levels of pixels, of any shape; white = 1."""
 
 

@@ -4,21 +4,16 @@ Frames along a velocity that is off by $\delta$ change by $-t_k\,\delta\cdot s_k
 the slope of the light: that of the thing's own within its outline, and its contrast with what is
 behind times the slope of the cover at the outline. The light of each pixel, or its cover, is as
 unknown as the velocity: the part of a change that either would explain tells nothing.
-
-Slopes of a mean of frames hold its noise. Where they hold little else, the push of the frames is
-noise as well, and counts for as little: of $g \sim \mathcal N(H\delta, G)$, with the squares $G$ of
-all slopes and $H$ of the thing's own, the velocity is told as by $H G^{-1} H$.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float
 from scipy import ndimage
 
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
-from mishutter.decoding.objects.grids import filled, from_outline, smoothed, splines
+from mishutter.decoding.objects.grids import from_outline
 from mishutter.decoding.objects.outlines import Along, Lights, behind_in_frames, pure
+from mishutter.pictures.registration.refinement import Prior, Push, Told, push_of_light, refined
+from mishutter.pictures.registration.windows import filled, smoothed, splines
 
 _INNER = 3
 """Pixels within an outline that show the thing alone."""
@@ -28,28 +23,6 @@ _EDGE = 1.5
 """Gaussian under which a cover is taken for one of known slope; px."""
 _SLOPE_NOISE = 1 / (8 * np.pi)
 """Variance of a slope by noise of unit variance, under a Gaussian of 1 px."""
-_NEAR = 0.005
-"""Way by the last step, at the frame farthest from the picture, at which steps end; px."""
-_BLOCK = 12
-"""Side of the parts of a thing that are held to agree on its velocity; px."""
-
-
-class _Push(NamedTuple):
-    """The push of the pixels of a thing on its velocity."""
-
-    # Force on the velocity, and its curvature, of each pixel
-    forces: Float[np.ndarray, "2 rows columns"]
-    curvatures: Float[np.ndarray, "2 2 rows columns"]
-    by_noise: float  # The part of the curvature that is of the noise of slopes
-
-
-class Told(NamedTuple):
-    """The information of frames on a velocity."""
-
-    information: Float[np.ndarray, "2 2"]  # Inverse of the covariance; s^2/px^2
-    push: Float[np.ndarray, "2"]  # The same times the change of the velocity; s/px
-    # Covariance of the push, by how the parts of the thing disagree
-    scatter: Float[np.ndarray, "2 2"]
 
 
 def refine_velocity(
@@ -64,28 +37,15 @@ def refine_velocity(
         num_steps: Number of steps.
     """
     stills, thing = arrangement.stills, arrangement.things[number]
-    free = np.flatnonzero(stills.moves)
-    among = np.ix_(free, free)
-    prior = np.eye(2) / thing.uncertainty**2
+
+    def told_at(velocity: np.ndarray) -> Told:
+        thing.velocity = velocity
+        return told_of(arrangement, number, lights)
+
+    prior = Prior(thing.first, thing.uncertainty, stills.moves)
     furthest = float(np.max(np.abs(stills.times)))
-    told, longest, last = told_of(arrangement, number, lights), 1.0, np.zeros(2)
-    for _ in range(num_steps):
-        pull = told.push + prior @ (thing.first - thing.velocity)
-        step = np.zeros(2)
-        step[free] = np.linalg.solve((told.information + prior)[among], pull[free])
-        # A mean of frames that are out of place has too little slope: steps by it are too long.
-        if step @ last < 0:
-            longest = furthest * float(np.linalg.norm(last)) / 2
-        length = furthest * float(np.linalg.norm(step))
-        last = step * min(1.0, longest / max(length, 1e-9))
-        thing.velocity = thing.velocity + last
-        told = told_of(arrangement, number, lights)
-        if length < _NEAR:
-            break
-    thing.covariance = np.zeros((2, 2))
-    inverse = np.linalg.inv((told.information + prior)[among])
-    apart = told.scatter[among]
-    thing.covariance[among] = inverse @ (apart + prior[among]) @ inverse
+    found = refined(thing.velocity, told_at, prior, furthest, num_steps)
+    thing.velocity, thing.covariance = found
 
 
 def told_of(arrangement: Arrangement, number: int, lights: Lights | None) -> Told:
@@ -95,21 +55,11 @@ def told_of(arrangement: Arrangement, number: int, lights: Lights | None) -> Tol
     inside = window.of(thing.matte) > 0.5
     inner = np.asarray(ndimage.binary_erosion(inside, iterations=_INNER))
     inner = inner if inner.sum() > 99 else inside
-    information, push, scatter = np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2))
     light, within = _within(arrangement, thing, along, front * inner)
     parts = [within]
     if lights is not None:
         parts.append(_at_outline(arrangement, number, (along, front), filled(light, inner), lights))
-    for part in parts:
-        curvature = np.sum(part.curvatures, axis=(2, 3)) + 1e-12 * np.eye(2)
-        values, turn = np.linalg.eigh(curvature)
-        share = np.maximum(values - part.by_noise, 0) / values
-        gain = (turn * share) @ turn.T
-        information += (turn * (share**2 * values)) @ turn.T
-        push += gain @ np.sum(part.forces, axis=(1, 2))
-        each = _in_blocks(part.forces)
-        scatter += gain @ np.maximum(each @ each.T, 0) @ gain
-    return Told(information, push, scatter)
+    return Told.by(parts)
 
 
 def _along(arrangement: Arrangement, number: int) -> tuple[Along, np.ndarray]:
@@ -122,7 +72,7 @@ def _along(arrangement: Arrangement, number: int) -> tuple[Along, np.ndarray]:
 
 def _within(
     arrangement: Arrangement, thing: Thing, along: Along, seen: np.ndarray
-) -> tuple[np.ndarray, _Push]:
+) -> tuple[np.ndarray, Push]:
     """The mean light of a thing, and what it tells, within its outline."""
     stills = arrangement.stills
     weights = stills.weights[:, None, None] * seen
@@ -131,15 +81,12 @@ def _within(
     is_seen = np.asarray(seen.any(axis=0))
     # An end of what is seen has no slope.
     smooth = smoothed(filled(mean, is_seen), 1.0)
-    times = stills.times[:, None, None]
-    late = times - np.sum(weights * times, axis=0) / worth
-    noise = stills.typical_noise(smooth)
-    slopes = np.array(np.gradient(smooth))
-    square = np.sum(weights * late**2, axis=0)
-    pushes = np.sum(weights * late * (along.frames - mean), axis=0)
-    outer = slopes[:, None] * slopes[None] * (square / noise)
-    by_noise = float(np.sum((square / worth * _SLOPE_NOISE)[is_seen]))
-    return mean, _Push(-slopes * (pushes / noise), outer, by_noise)
+    noise = np.asarray(stills.typical_noise(smooth))
+    weights = np.where(is_seen, weights, 0)
+    push = push_of_light(
+        along.frames, weights, stills.times, smooth, noise=noise, slope_noise=_SLOPE_NOISE
+    )
+    return mean, push
 
 
 def _at_outline(
@@ -148,7 +95,7 @@ def _at_outline(
     seen: tuple[Along, np.ndarray],
     light: np.ndarray,
     lights: Lights,
-) -> _Push:
+) -> Push:
     """The push of a thing's outline, by its contrast with what is behind."""
     stills, thing = arrangement.stills, arrangement.things[number]
     (along, front), window = seen, thing.window
@@ -172,12 +119,4 @@ def _at_outline(
     late = late - contrast * np.sum(weights * contrast * late, axis=0) / square
     left = left - contrast * np.sum(weights * contrast * left, axis=0) / square
     outer = slopes[:, None] * slopes[None] * np.sum(weights * late**2, axis=0)
-    return _Push(-slopes * np.sum(weights * late * left, axis=0), outer, 0.0)
-
-
-def _in_blocks(forces: Float[np.ndarray, "2 rows columns"]) -> Float[np.ndarray, "2 blocks"]:
-    """Sums of forces over the blocks of a thing."""
-    for axis in (1, 2):
-        starts = np.arange(0, forces.shape[axis], _BLOCK)
-        forces = np.add.reduceat(forces, starts, axis=axis)
-    return forces.reshape(2, -1)
+    return Push(-slopes * np.sum(weights * late * left, axis=0), outer, 0.0)

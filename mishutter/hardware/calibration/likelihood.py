@@ -7,7 +7,7 @@ takes several rounds, each with the variances of the levels that the round befor
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -64,7 +64,7 @@ class _Arrays(NamedTuple):
     trace_basis: Float[np.ndarray, "samples coefficients"]  # B-splines at its samples
     trace_deviation: Float[np.ndarray, ""]  # Standard deviation of its levels
 
-    def residuals(self, values: Any, num_taps: int) -> Array:
+    def residuals(self, values: Array, num_taps: int) -> Array:
         """Residuals of pictures, trace, bounds and ties, at parameters in their own scales.
 
         Coefficients stray below 0, where no transmittance is, by a standard deviation of 0.01.
@@ -138,7 +138,7 @@ def _by_matrix(
 
 
 @compiled
-def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
+def _least_squares(start: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
     """Parameters, the residuals and their Jacobian where the minimiser ends."""
     import optimistix as optx
 
@@ -293,7 +293,7 @@ class Setting:
         """Residuals of the data and the pins at some parameters, each over its noise."""
         rows, aims = self.pins
         arrays = self.arrays._replace(deviation=noise, ties=rows, aims=aims)
-        return self.without_bounds(_residuals(arrays, values, self.num_taps))
+        return self.without_bounds(_residuals(arrays, jnp.asarray(values), self.num_taps))
 
     def without_bounds(self, rows: Array | np.ndarray) -> np.ndarray:
         """Residuals, or rows of their Jacobian, without those that keep coefficients above 0."""
@@ -387,7 +387,7 @@ class Setting:
             ties=np.concatenate([self.pins.rows, rows]),
             aims=np.concatenate([self.pins.aims, aims]),
         )
-        end = _least_squares(values, arrays, self.num_taps)
+        end = _least_squares(jnp.asarray(values), arrays, self.num_taps)
         values, residual, matrix = (np.asarray(each) for each in end)
         levels = np.asarray(arrays.levels)
         expected = levels + residual[: levels.size].reshape(levels.shape) * noise

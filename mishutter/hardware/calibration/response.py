@@ -9,8 +9,6 @@ $[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at distance $x$ f
 beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -83,7 +81,7 @@ def _with_moments(taps: Array) -> Array:
         jnp.asarray(np.linalg.solve(uniform, each.T), taps.dtype)[:, None]
         for each in (moments, slopes)
     )
-    slope: Any = jnp.gradient(taps / jnp.asarray(area, taps.dtype)[None], axis=1)
+    slope = jnp.asarray(jnp.gradient(taps / jnp.asarray(area, taps.dtype)[None], axis=1))
     shares = of_value * taps[None] + of_slope * slope[None]
     shifted = [
         jnp.pad(share, ((0, 0), (place, 2 * MOVED - place))) for place, share in enumerate(shares)

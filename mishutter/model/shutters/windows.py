@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
+    Alike,
     as_array_like,
     as_float,
     as_numpy,
@@ -150,7 +151,7 @@ class GaussianShutter(AbstractAdjustableShutter):
         tau = jnp.asarray(tau, common_dtype(self.sigma, tau))
         return within_exposure(tau, self._profile(tau))
 
-    def _profile(self, tau: Array | np.ndarray) -> Any:
+    def _profile(self, tau: Alike) -> Alike:
         sigma = as_array_like(tau, self.sigma)
         return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
 

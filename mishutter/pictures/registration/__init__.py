@@ -1,0 +1,1 @@
+"""Pictures moved over one another: windows between pixels, velocities along which frames agree."""
