@@ -205,12 +205,13 @@ def main(*arguments: str) -> None:
     log = Path(arguments[0]) if arguments else None
     lines = log.read_text("utf-8").splitlines() if log is not None and log.exists() else []
     rows = [json.loads(line) for line in lines]
-    for index in range(len(rows), NUM_SCENES):
+    for index in sorted({*range(NUM_SCENES)} - {row["scene"] for row in rows}):
         rows.append(measured(index))
         print(rows[-1], flush=True)
         if log is not None:
             with log.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1], default=float) + "\n")
+    rows.sort(key=lambda row: row["scene"])
     harness.write("bursts_search", rows)
     gains = np.array([row["gain, dB"] for row in rows])
     shown = [{k: f"{x:.2f}" if isinstance(x, float) else x for k, x in row.items()} for row in rows]

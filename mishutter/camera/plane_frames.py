@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float
 from mishutter._core.checks import require, require_positive_int
 from mishutter.blur.waves import waves_in_plane
 from mishutter.camera.capture import distinct_colours, every_colour
-from mishutter.camera.rows import MARGIN, Planes, bands_of, instants_within_reach
+from mishutter.camera.rows import MARGIN, Planes, instants_within_reach, nodes_of
 from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import NYQUIST_FREQUENCY, Optics, lens_response
 from mishutter.model.scene import Scene
@@ -60,10 +60,10 @@ def exposed_in_plane(
     """
     num_rows = radiance.shape[0] if size[0] is None else size[0]
     fastest = frames.top_speed + float(np.hypot(*velocity))
-    bands = bands_of(scene.sensor, num_rows, fastest)
+    delays, shares = nodes_of(scene.sensor, num_rows, fastest)
     subject = "simulate_frames(speed=..., frames=...)"
-    by_band = [instants_within_reach(subject, frames, velocity, band.delay) for band in bands]
-    furthest = np.max([each.reach(velocity[None]) for each in by_band], axis=0)
+    nodes = [instants_within_reach(subject, frames, velocity, each) for each in delays.tolist()]
+    furthest = np.max([each.reach(velocity[None]) for each in nodes], axis=0)
     reach = [math.ceil(each) + MARGIN for each in furthest[::-1]]
     picture = radiance if radiance.ndim == 3 else radiance[..., None]
     light = np.asarray(distinct_colours(picture))
@@ -75,18 +75,20 @@ def exposed_in_plane(
     mirrored = np.pad(light, ((0, 0), (0, rows), (0, columns)), mode="symmetric")
     spectrum = np.fft.rfft2(mirrored) * aperture_on(scene.optics, period)
     turns = 2j * np.pi * frequencies_on(period)[0]
+    own = np.arange(period[0])[window[0]]
     for k in range(frames.num_frames):
-        parts = []
-        for instants, band in zip(by_band, bands, strict=True):
+        irradiance = np.zeros((light.shape[0], num_rows, window[1].stop - window[1].start))
+        for instants, share in zip(nodes, shares, strict=True):
             response = responses_in_plane(instants.some([k]), velocity, period)[0]
-            if len(bands) == 1:
-                parts.append(np.fft.irfft2(spectrum * response, period)[:, *window])
+            if len(nodes) == 1:
+                irradiance = np.fft.irfft2(spectrum * response, period)[:, *window]
                 continue
-            # Only rows of the band are transformed back.
-            own = np.arange(period[0])[window[0]][band.rows]
-            waves = np.exp(np.multiply.outer(own, turns)) / period[0]
-            parts.append(np.fft.irfft(waves @ (spectrum * response), period[1])[..., window[1]])
-        irradiance = np.concatenate(parts, axis=1).astype(dtype)
+            # Only rows that have a share are transformed back.
+            rows = np.flatnonzero(share)
+            waves = np.exp(np.multiply.outer(own[rows], turns)) / period[0]
+            seen = np.fft.irfft(waves @ (spectrum * response), period[1])[..., window[1]]
+            irradiance[:, rows] += share[rows, None] * seen
+        irradiance = irradiance.astype(dtype)
         exposed = every_colour(np.moveaxis(irradiance, 0, -1), picture)
         yield exposed if radiance.ndim == 3 else exposed[..., 0]
 

@@ -18,11 +18,11 @@ from mishutter.camera.occlusion import images_between, in_fewest_colours
 from mishutter.camera.plane_frames import aperture_on, frequencies_on, seen_along
 from mishutter.camera.rows import (
     MARGIN,
-    bands_of,
     continued,
     fast_length,
     instants_within_reach,
     irfftn,
+    nodes_of,
     period_of,
     rfftn,
 )
@@ -112,14 +112,13 @@ def layers_in_plane(
     counts = layers.shape[:2]
     _, windows = zip(*map(seen_along, counts, size, counts, ("rows", "columns")), strict=True)
     both = fastest + frames.top_speed
-    bands = bands_of(scene.sensor, windows[0].stop - windows[0].start, both)
-    nodes = [Instants.of(frames, both + fastest, delay=band.delay) for band in bands]
+    delays, shares = nodes_of(scene.sensor, windows[0].stop - windows[0].start, both)
+    nodes = [Instants.of(frames, both + fastest, delay=each) for each in delays.tolist()]
     for k in range(frames.num_frames):
-        parts = [
-            _exposed(few, instants.some([k]), scene.optics)[windows[0]][band.rows, windows[1]]
-            for instants, band in zip(nodes, bands, strict=True)
-        ]
-        light = np.concatenate(parts)
+        light = sum(
+            _exposed(few, instants.some([k]), scene.optics)[*windows] * share[:, None, None]
+            for instants, share in zip(nodes, shares, strict=True)
+        )
         shape = (*light.shape[:2], layers.shape[2])
         dtype = layers.layers[0].picture.light.dtype
         yield np.ascontiguousarray(np.broadcast_to(light.astype(dtype), shape))

@@ -32,6 +32,10 @@ MARGIN = 64
 """Pixels beyond the reach of the blur, in which the waves of an end of the picture die away."""
 ONE_BAND = 0.05
 """Way of anything over the time in which the rows of a band are exposed one after another; px."""
+PX_A_NODE = 0.4
+"""Way of anything between neighbouring delays of rows, where those between are interpolated; px."""
+_LEAST_SHARE = 1e-6
+"""Share of a picture in a row below which it is none."""
 MAX_REACH = 1 << 13
 """Furthest that light of a capture may be displaced; px."""
 
@@ -71,6 +75,32 @@ def bands_of(sensor: Sensor, num_rows: int, fastest: float, most: float = ONE_BA
     edges = np.round(np.linspace(0, num_rows, count + 1)).astype(int).tolist()
     rows = [slice(*pair) for pair in itertools.pairwise(edges)]
     return [Band(float(np.mean(delays[each])), each) for each in rows]
+
+
+def nodes_of(
+    sensor: Sensor, num_rows: int, fastest: float
+) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d rows"]]:
+    """Delays of a few rows, and the share that a picture at each has in each row, by a spline.
+
+    Rows are taken by themselves where these are not fewer.
+
+    Args:
+        sensor: The sensor.
+        num_rows: Rows of the picture.
+        fastest: Greatest speed of anything on the sensor; px/s.
+    """
+    from scipy.interpolate import CubicSpline
+
+    delays = sensor.row_delays(num_rows)
+    low, high = float(np.min(delays)), float(np.max(delays))
+    way = fastest * (high - low)
+    if way <= ONE_BAND:
+        return np.array([(low + high) / 2]), np.ones((1, num_rows))
+    if 3 + way / PX_A_NODE >= num_rows:
+        return delays, np.eye(num_rows)
+    nodes = np.linspace(low, high, 4 + int(way / PX_A_NODE))
+    shares = CubicSpline(nodes, np.eye(nodes.size))(delays).T
+    return nodes, np.where(np.abs(shares) < _LEAST_SHARE, 0.0, shares)
 
 
 def pixel_by_pixel(

@@ -91,15 +91,14 @@ def doubt_of_rows(
     The likelihood of some readout leads, by a quarter of what is above 1 at least; longer ones are
     tried as long as they are better.
     """
-    lead, share = 2 * _LEAD * max(misfit, 1.0) / count, 0.25 * (misfit - 1)
-    best, least = None, misfit - max(lead, share)
+    best, least = None, misfit
     for share in (0.25, 0.5, 1.0):
         tried = [replace(sensor, readout=share * exposure, rows_read=way) for way in ("down", "up")]
         misfits = [misfit_by(each) for each in tried]
         if min(misfits) >= least:
             break
         best, least = tried[int(np.argmin(misfits))], min(misfits)
-    if best is None:
+    if best is None or misfit - least <= max(2 * _LEAD * misfit / count, 0.25 * (misfit - 1)):
         return ""
     return (
         f"A rolling shutter of about {best.readout_time * 1e3:.2g} ms from the first row to the "

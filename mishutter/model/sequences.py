@@ -107,6 +107,12 @@ class FramePath(AbstractModule):
     jerks: Float[np.ndarray, "p"] | None = None
 
     @property
+    def duration(self) -> float:
+        """Time from the first light to the last; s, of concrete frames."""
+        ends = np.asarray(self.times) + np.asarray(self.exposures) / 2
+        return float(ends[-1] - self._begin)
+
+    @property
     def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 

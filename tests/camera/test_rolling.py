@@ -15,6 +15,7 @@ from mishutter import (
     Sensor,
     StillCamera,
     TimedFrame,
+    example_picture,
     simulate_capture,
     simulate_frames,
 )
@@ -117,6 +118,24 @@ def test_a_band_is_exposed_when_its_rows_are_in_the_mean():
         assert [(band.rows.start, band.rows.stop) for band in bands] == [(0, 2), (2, 5), (5, 7)]
         delays = [sign * 1e3 * band.delay for band in bands]
         np.testing.assert_allclose(delays, [-2.5, 0, 2.5], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["picture", pytest.param("layers", marks=pytest.mark.slow)])
+def test_rows_between_delays_are_those_by_themselves(kind, monkeypatch):
+    """Of a photograph with a sharp edge, in exposures that blur it by 2 px; of layers too."""
+    light = np.asarray(example_picture().light)[200:320, 300:380, 1:2].astype(np.float32)
+    light[:, 40:] *= 0.2
+    scene, velocity = scene_of(Sensor(readout=READOUT, rows_read="up"), True), (700.0, 500.0)
+    still = PlaneFrames(np.zeros(1), np.full(1, 2e-3), np.full(1, 2e-3), np.zeros((2, 2)))
+    subject, way = light, {"speed": velocity}
+    if kind == "layers":
+        thing = Layer(Picture(1 - light[30:90, 20:60]), velocity, left=10, top=30)
+        subject, way = Layers((Layer(Picture(light), (0.0, 0.0)), thing)), {}
+    few = simulate_frames(subject, scene, still, **way)
+    monkeypatch.setattr("mishutter.camera.rows.PX_A_NODE", 1e-3)
+    every = simulate_frames(subject, scene, still, **way)
+    np.testing.assert_allclose(few, every, atol=WITHIN)
+    assert np.max(np.abs(few - every)) > 0
 
 
 def test_a_thing_in_front_is_on_its_own_rows():

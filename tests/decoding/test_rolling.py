@@ -1,6 +1,7 @@
 """Frames of a sensor whose rows are exposed one after another, against a reference of its own."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -24,6 +25,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.decoding.decoders.linear import mean_over_dft
+from mishutter.decoding.frame_doubts import doubt_of_rows
 from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.rolling import RowTimes, _on_grid
@@ -100,6 +102,20 @@ def test_a_doubt_says_which_readout_fits():
         assert (
             f"A rolling shutter of about 5 ms from the first row to the last, read {way}" in doubt
         )
+
+
+def test_a_long_readout_is_not_missed_by_a_short_one():
+    """Which explains too little by itself; and none is named that explains little in the end."""
+    misfits = {5: 2.6, 10: 2.1, 20: 1.0}
+
+    def misfit_by(sensor, gain=1.0):
+        apart = misfits[round(sensor.readout_time * 1e3)] if sensor.rows_read == "up" else 3.0
+        return 2.9 - gain * (2.9 - apart)
+
+    doubt = doubt_of_rows(Sensor(), EXPOSURE, 2.9, 40_000, misfit_by)
+    assert doubt.startswith("A rolling shutter of about 20 ms")
+    assert "read up" in doubt
+    assert doubt_of_rows(Sensor(), EXPOSURE, 2.9, 40_000, partial(misfit_by, gain=0.2)) == ""
 
 
 def test_stills_that_are_read_along_the_motion_tell_the_speed():

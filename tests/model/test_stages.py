@@ -248,7 +248,7 @@ def test_a_stage_of_any_acceleration_stays_where_its_frames_are(velocity):
     first, second = (
         LinearMotion(half_exposure=0.004, velocity=v) for v in (velocity, velocity / 3)
     )
-    path = burst((-0.01, 0.0, first), (0.01, 0.0, second)).stage_path_within(Limits())
+    path = burst((-0.01, 0.0, first), (0.01, 0.0, second)).stage_paths_within(Limits()).get("")
     place = path.at(np.linspace(-0.014, 0.014, 2001))[0]
     assert place.min() == pytest.approx(-3.6, abs=0.02)
     assert place.max() == pytest.approx(3.6, abs=0.02)

@@ -24,7 +24,7 @@ from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_ties import ALTERNATING, FOLLOW, FREE, PAN, SWEEP, SWINGS, Tie
-from mishutter.search.moving_frames import best_moving_burst, kind_of, sequence_of
+from mishutter.search.moving_frames import best_moving_burst, kind_of, levels_of, sequence_of
 
 SIMPLER = 0.05 + 0.005
 """Decibels that simpler frames may be below the best, and those of the search."""
@@ -506,6 +506,26 @@ def test_the_simplest_of_equals_is_taken():
     apart = best_moving_burst(_in_window(BOTH_WAYS, 4, max_stroke=120.0))
     assert alike.kind == PAN != apart.kind
     assert np.ptp([float(frame.motion.velocity) for frame in alike.frames]) == pytest.approx(0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_one_exposure_is_no_worse_than_a_parabola(seed):
+    """Of told speeds both ways or one way, over the parabolas that a stroke has room for."""
+    draw = np.random.default_rng(seed)
+    fastest, stroke = float(np.exp(draw.uniform(6, 8.5))), float(draw.uniform(10, 80))
+    speeds = np.linspace(draw.choice([-1.0, 0.3]) * fastest, fastest, 9)
+    limits = Limits(max_stroke=stroke, **FAR)
+    burst = BurstMode(frames_per_s=12.0, max_frames=1)
+    light = {"photon_rate": float(np.exp(draw.uniform(10, 13))), "read_noise": 5.0}
+    scene = Scene(speeds, limits=limits, burst=burst, decoder_speed="known", **light)
+    levels = []
+    for half, top in itertools.product(np.geomspace(1e-3, 0.04, 12), np.linspace(0.1, 1.5, 8)):
+        rate, mean = top * fastest / half, float(np.mean(speeds))
+        motion = ParabolicMotion(acceleration=rate, half_exposure=half, velocity=mean)
+        if np.ptp(np.asarray(motion.position(np.linspace(-half, half, 101)))) <= stroke:
+            levels.append(levels_of(scene, [TimedFrame(motion, 0.0, 0.0)])[0])
+    assert best_moving_burst(scene).psnr >= max(levels) - 0.01
 
 
 @pytest.mark.slow
