@@ -19,6 +19,7 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
+from mishutter.camera.capture import through_optics
 from mishutter.camera.rows import continued, period_of
 from mishutter.decoding.decoders.base import blur_model
 from mishutter.model.sensor import noise_power
@@ -827,3 +828,10 @@ def test_a_mirrored_path_records_the_mirrored_picture(border):
         picture[:, ::-1], scene, falling, shutter, speed=-700.0, border=border
     )
     np.testing.assert_allclose(mirrored[:, ::-1], shown, atol=1e-9)
+
+
+@pytest.mark.parametrize(("mode", "passes"), [(3, 1.0), (8, 1.0), (20, 0.0)])
+def test_optics_pass_a_wave_that_a_mirror_continues(mode, passes):
+    """Half waves over 37 px are of the frequency mode / 74: up to the cutoff as they were."""
+    wave = np.cos(np.pi * mode * (np.arange(37) + 0.5) / 37)
+    np.testing.assert_allclose(through_optics(wave[None], 0.21)[0], passes * wave, atol=1e-12)
