@@ -188,7 +188,7 @@ def _split(arrangement: Arrangement) -> None:
         large = 1 + np.flatnonzero(np.bincount(cores.ravel())[1:] > _LEAST_AREA)
         if len(large) < 2:
             continue
-        away = [ndimage.distance_transform_edt(cores != one) for one in large]
+        away = [np.asarray(ndimage.distance_transform_edt(cores != one)) for one in large]
         nearest = np.argmin(away, axis=0)
         parts = [
             _alone(arrangement, number, thing.matte * (nearest == k)) for k in range(len(large))
