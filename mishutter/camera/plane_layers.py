@@ -6,7 +6,7 @@ and its hidden parts are taken away, which are images in the layer's own frame o
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -115,7 +115,7 @@ def layers_in_plane(
     delays, shares = nodes_of(scene.sensor, windows[0].stop - windows[0].start, both)
     nodes = [Instants.of(frames, both + fastest, delay=each) for each in delays.tolist()]
     for k in range(frames.num_frames):
-        light = sum(
+        light: Any = sum(
             _exposed(few, instants.some([k]), scene.optics)[*windows] * share[:, None, None]
             for instants, share in zip(nodes, shares, strict=True)
         )

@@ -49,8 +49,10 @@ TILES = 8
 class AbstractRolledFrame(ABC):
     """The way from a picture to a frame whose rows have responses of their own."""
 
-    matrix: Complex[np.ndarray, "s pixels k"] | None
-    """The same of each pixel, from half of the DFT of a line; None of frames of the plane."""
+    @property
+    def matrix(self) -> Complex[np.ndarray, "s pixels k"] | None:
+        """The same of each pixel, from half of the DFT of a line; None of frames of the plane."""
+        return None
 
     @abstractmethod
     def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -214,11 +216,11 @@ def _by_matrices(
         each = zip(every, np.sqrt(canvas.noises), strict=True)
         parts = [(one - levels(one)) / noise for one, noise in each]
         rows = np.concatenate(parts) * root
-        rows = np.concatenate([rows.real, -rows.imag], axis=1)
+        rows = np.concatenate([np.real(rows), -np.imag(rows)], axis=1)
         factors.append(scipy.linalg.cho_factor(rows.T @ rows + np.eye(rows.shape[1])))
 
     def solve(target: Complex[np.ndarray, "s rows k"]) -> Complex[np.ndarray, "s rows k"]:
-        told = np.concatenate([target.real * root, target.imag * root], axis=-1)
+        told = np.concatenate([np.real(target) * root, np.imag(target) * root], axis=-1)
         pairs = zip(factors, told, strict=True)
         found = np.stack([scipy.linalg.cho_solve(factor, one.T).T for factor, one in pairs])
         real, imaginary = np.split(found, 2, axis=-1)

@@ -153,6 +153,7 @@ class RowsInTurn:
         Or its derivative by the velocity, but for the factor $2\pi i\,\mathbf f$.
         """
         paths, canvas = self.paths, self._canvas
+        length, first = canvas.shape[-1], canvas.margin[-1]
         if not paths.is_along and paths.delays.size <= _MOST_TRIED:
             every = [paths.at(each) for each in paths.delays.tolist()]
             if by_time:
@@ -171,7 +172,6 @@ class RowsInTurn:
         if len(canvas.shape) > 1:
             return [FrameInTurn(*one, canvas) for one in each]
         # A pixel along the readout is the picture as far back as it lies before the pixel.
-        (length,), first = canvas.shape, canvas.margin[0]
         back = -(first + np.arange(paths.delays.size)) if paths.is_along else 0
         rows = []
         for kernel, weight, way in each:
@@ -256,7 +256,11 @@ class LineInTurn(AbstractRolledFrame):
 
     def __init__(self, matrix: Complex[np.ndarray, "s pixels k"], canvas: Canvas):
         """Takes the response of each pixel times the waves there."""
-        self.matrix, self._canvas = matrix, canvas
+        self._matrix, self._canvas = matrix, canvas
+
+    @property
+    def matrix(self) -> Complex[np.ndarray, "s pixels k"]:
+        return self._matrix
 
     def seen(self, spectrum: Complex[np.ndarray, "s rows k"]) -> Float[np.ndarray, "s rows pixels"]:
         return pixels_through(self.matrix, spectrum, *self._canvas.shape)
@@ -272,8 +276,6 @@ class LineInTurn(AbstractRolledFrame):
 @final
 class FrameInTurn(AbstractRolledFrame):
     """A frame that is read down the columns: a few responses, and a way to each of its rows."""
-
-    matrix = None
 
     def __init__(
         self,

@@ -153,7 +153,7 @@ def test_an_outline_keeps_what_is_as_dark_as_the_background():
     velocity = np.array(one.velocity)
     found = Arrangement(stills(frames), [Found(velocity, truth, velocity, 1.0)], [0])
     for _ in range(6):
-        sharpen(found)
+        sharpen(found, [truth])
         found.place()
     # of 2,830 pixels and an outline of 190
     assert np.abs(found.things[0].matte - truth).sum() < 200

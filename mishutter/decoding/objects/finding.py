@@ -16,7 +16,7 @@ from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
 from mishutter.pictures.registration.windows import splines
 
-_ROUNDS, _SHARPENINGS = 4, 6
+_ROUNDS, _SHARPENINGS = 4, 3
 _LEAST_EVIDENCE = 150.0
 """Logarithm of the likelihood of a thing over none below which there is none."""
 _LEAST_AREA = 200
@@ -65,10 +65,9 @@ def found_in(
         if turn:
             _drop_weakest(arrangement)
         arrangement.place()
-    for turn in range(_SHARPENINGS):
-        report("outlines from pixels that show two things", 0.8 + 0.03 * turn)
-        sharpen(arrangement)
-        arrangement.place()
+    for half in range(2):
+        report("outlines from pixels that show two things", 0.8 + 0.1 * half)
+        _sharpen(arrangement)
     if not is_told:
         _refine_velocities(arrangement)
         for number in range(len(arrangement.things) - 1, -1, -1):
@@ -86,6 +85,16 @@ def _refine_parts(arrangement: Arrangement, *, is_first: bool) -> None:
     for number, thing in enumerate(arrangement.things):
         if thing.area > 0:
             refine_velocity(arrangement, number, lights)
+
+
+def _sharpen(arrangement: Arrangement) -> None:
+    """Draws outlines by all that is known by now, and solves them near there."""
+    cut_out(arrangement)
+    arrangement.place()
+    drawn = [thing.matte for thing in arrangement.things]
+    for _ in range(_SHARPENINGS):
+        sharpen(arrangement, drawn)
+        arrangement.place()
 
 
 def _drop_weakest(arrangement: Arrangement) -> None:

@@ -245,8 +245,13 @@ def behind_in_frames(arrangement: Arrangement, lights: Lights, number: int) -> n
     return light
 
 
-def sharpen(arrangement: Arrangement) -> None:
-    """Solves the outlines again, from the light of pixels that show two layers."""
+def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
+    """Solves the outlines again, from the light of pixels that show two layers.
+
+    Args:
+        arrangement: The things.
+        drawn: The mask of each, near whose outline the solved one lies.
+    """
     stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
     lights = mean_lights(arrangement)
     smooth = lights._replace(
@@ -267,7 +272,8 @@ def sharpen(arrangement: Arrangement) -> None:
         behind = _Layer(*(along.taken(each, ways) for each in hidden))
         square, cross = _cover(stills, along, own, behind)
         blur = thing.velocity * stills.exposure
-        mattes.append(_solved(along.window, thing.matte, blur, square, cross - _BIAS))
+        near = along.window.of(from_outline(drawn[number] > 0.5) <= _REACH).astype(np.float32)
+        mattes.append(_solved((along.window, near), thing.matte, blur, square, cross - _BIAS))
     for thing, matte in zip(arrangement.things, mattes, strict=True):
         thing.matte = matte
 
@@ -329,13 +335,15 @@ def _doubt(light: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _solved(
-    window: Window, matte: Mask, blur: Float[np.ndarray, "2"], square: Mask, cross: Mask
+    where: tuple[Window, Mask],
+    matte: Mask,
+    blur: Float[np.ndarray, "2"],
+    square: Mask,
+    cross: Mask,
 ) -> Mask:
     """The matte of least misfit and few edges, with edges as sharp as a pixel's."""
+    window, near = where
     part = window.of(matte)
-    inside = part > 0.5
-    distance = from_outline(inside)
-    near = (distance <= _REACH).astype(np.float32)
     shape = part.shape
     size = tuple(n + 32 for n in shape)
     down, across = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])
