@@ -8,7 +8,13 @@ import xarray
 from support.command_line import SMALL_SCENE, no_constant, refused
 
 from mishutter import Limits, Scene, cli
-from mishutter.cli.sweep_command import _COLUMNS, _OTHER_METRICS, _point_of, _rows
+from mishutter.cli.sweep_command import (
+    _COLUMNS,
+    _OTHER_METRICS,
+    _halves,
+    _point_of,
+    _rows,
+)
 from mishutter.evaluation.metrics import METRICS
 
 RANGES = ["--acceleration", "3e4:1.2e5:2", "--exposure", "6:18:2"]
@@ -233,3 +239,12 @@ def test_points_are_judged_by_the_scenes_decoder(scene_file, tmp_path, capsys):
     out = capsys.readouterr().out
     assert "PSNR dB: PSNR of the best linear decoder that knows the speed, linear light." in out
     assert (tmp_path / "d" / "map.png").exists()
+
+
+def test_whole_exposures_are_twice_their_halves():
+    """Of 6 to 18 ms, as halves of 3 to 9 ms; both become half exposures in seconds."""
+    ranges = ("6:18:3", None), (None, "3:9:3")
+    for whole, half in ranges:
+        options = {"--exposure": whole}, {"--half-exposure": half}
+        found = _halves(*options, False, "above 0", 1e-3)
+        np.testing.assert_allclose(found, [0.003, 0.006, 0.009])
