@@ -342,7 +342,7 @@ def burst(axes=1, rows=6):
 @pytest.mark.parametrize("axes", [1, 2])
 def test_grey_frames_are_about_their_levels(axes):
     """Of each row where things move along rows; and the noise is that of their luminance."""
-    planes, own, found = burst(axes)
+    planes, _, found = burst(axes)
     shares = np.array([0.2126, 0.7152, 0.0722])
     grey = np.tensordot(shares, planes, 1)
     np.testing.assert_allclose(found.grey, grey)
