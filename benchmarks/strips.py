@@ -50,7 +50,8 @@ GROUPS = {
 """Scenes: their name in the table, their seeds, and whether things move in any direction."""
 NUM_FOUND = {"fitted": 4}
 """Scenes of a group in which speeds are found too."""
-COLUMNS = ("scenes", "four stills, ms", "level", "told", "told less level", "deviation of a scene")
+STILLS = "four stills, ms, at 50/s, 1e5 e-/s, 8 e-"
+MEAN, DEVIATION = "restored less level, mean of all", "the same, deviation of a scene"
 TEXT = """## Levels before a background, told and reached
 
 Four stills at 50/s, 1e5 e-/s and 8 e-, of {size} x {size} px, or {wide} x {wide} in any direction:
@@ -188,22 +189,28 @@ def main(*names: str) -> None:
             every += measured(name, seed, finds=count < NUM_FOUND.get(name, 0))
             print(f"{name} {seed}: {time.process_time():.0f} processor seconds", flush=True)
         harness.write("strips", every)
-    table, found = [], []
+    shown(every)
+
+
+def shown(every: list[dict]) -> None:
+    """Print a row of each order, and what is restored beside the level in the mean of all."""
+    orders = [", ".join(map(str, each)) for each in ORDERS]
+    table = [{STILLS: order} for order in (*orders, MEAN, DEVIATION)]
+    found = []
     for name, (words, _, _) in GROUPS.items():
         group = [row for row in every if row.get("group") == name]
-        orders = [", ".join(map(str, each)) for each in ORDERS]
-        for order in (*orders, "mean of all"):
-            own = [row for row in group if order in (row["order"], "mean of all")]
-            if not own:
-                continue
-            scenes = len({row["seed"] for row in own})
-            off = np.array([row["told"] - row["level"] for row in own])
-            by_scene = off.reshape(scenes, -1).mean(axis=1)
-            level, told = (np.mean([row[key] for row in own]) for key in ("level", "told"))
-            error = by_scene.std(ddof=1) / np.sqrt(scenes)
-            cells = (f"{scenes} {words}", order, f"{level:.1f}", f"{told:.1f}")
-            cells += (f"{off.mean():+.1f} ± {error:.1f}", f"{off.std():.1f}")
-            table.append(dict(zip(COLUMNS, cells, strict=True)))
+        if not group:
+            continue
+        scenes = len({row["seed"] for row in group})
+        above = np.array([row["told"] - row["level"] for row in group])
+        error = above.reshape(scenes, -1).mean(axis=1).std(ddof=1) / np.sqrt(scenes)
+        column = f"{scenes} {words}: level, restored"
+        for order, row in zip(orders, table, strict=False):
+            own = [each for each in group if each["order"] == order]
+            level, told = (np.mean([each[key] for each in own]) for key in ("level", "told"))
+            row[column] = f"{level:.1f}, {told:.1f}"
+        table[-2][column] = f"{above.mean():+.1f} ± {error:.1f}"
+        table[-1][column] = f"{above.std():.1f}"
         lost = [row["told"] - row["found"] for row in group if "found" in row]
         if lost:
             count = len({row["seed"] for row in group if "found" in row})
@@ -211,7 +218,7 @@ def main(*names: str) -> None:
             found.append(f"{off} on {count} {words}")
     text = f"Where `restore` found the speeds it lost: {'; '.join(found)}."
     sizes = {"size": SIZE, "wide": SIZE_IN_PLANE}
-    cells = harness.table(table, list(COLUMNS))
+    cells = harness.table(table, list(table[0]))
     harness.section("strips", TEXT.format(table=cells, found=text, **sizes))
 
 

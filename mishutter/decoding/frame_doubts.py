@@ -155,6 +155,9 @@ def _doubt_of_one_frame(found: Evidence, words: Words) -> str:
     others = found.fit.misfits - np.median(found.fit.misfits)  # above the middle one of all
     if np.max(far) > 1:
         which = int(np.argmax(far))
+        # Shifts are told by the slope of the picture, which holds within a pixel.
+        if np.max(found.fit.shift_errors[which]) >= 1:
+            return LITTLE
         off = ", ".join(f"{shift:+.1f}" for shift in shifts[which])
         return f"Frame {which + 1} of {far.size} is {off} px off its place: {words.reasons}."
     if np.max(others) > max(0.4 * spread, 0.5 * _expected(found)):

@@ -13,8 +13,8 @@ class Objects(AbstractModule):
     """Things that move on their own, of which a decoder registers each within its own outline.
 
     A point near the outline is seen by fewer frames, or by part of an exposure, as one near the
-    border of a sensor that is as wide as the object. Bursts lose by that, and the path of the
-    sensor and the number of frames at rest are chosen by what is left.
+    border of a sensor that is as wide as the object. Bursts lose by that, and are chosen by what is
+    left. Things of several velocities are found in frames at rest alone.
 
     Args:
         width: Width of the narrowest object that is to be restored, along the motion; px.

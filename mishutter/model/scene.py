@@ -100,8 +100,8 @@ class Scene(AbstractModule):
         tolerances: Errors of the camera as built; the expected error,
             and a search by it, are over these. None by default.
         occlusion: Objects that hide part of a background; by default the picture moves as a whole.
-        objects: Objects that a decoder of several frames registers one by one; by default it
-            registers the whole picture.
+        objects: Objects that a decoder of several frames registers one by one, as it finds them
+            in frames at rest; by default it registers the whole picture.
         errors: Errors of measured numbers, within which the gain of an answer is stated; none by
             default.
         decoder_speed: What the decoder knows of a picture's speed: `"unknown"`, one filter for all
@@ -452,6 +452,14 @@ class Scene(AbstractModule):
         if not self.speeds_known:
             return False
         return not np.any(np.asarray(self.speeds)[np.asarray(self.weights) > 0])
+
+    @property
+    def is_found_by_object(self) -> bool:
+        """Whether a picture holds things of several velocities, found in frames at rest alone."""
+        if self.occlusion is not None:
+            return True
+        several = self.velocities is not None or float(np.ptp(self.speeds)) > 0
+        return self.objects is not None and several
 
     @property
     def registered_width(self) -> float | None:

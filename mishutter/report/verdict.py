@@ -246,8 +246,8 @@ def sentences_of(
             "One exposure behind a shaped shutter, or on a path that accelerates, is left out: "
             "rows that are exposed one after another would each see another part of it."
         ]
-    if scene.burst is not None and scene.occlusion is not None:
-        said.append(_on_background(scene.occlusion))
+    if scene.burst is not None and scene.is_found_by_object:
+        said.append(_on_objects(scene.occlusion))
     if choice.hides_speed:
         said.append("The speed cannot be found: the blur differs too little between the speeds.")
     if STAGE in choice.required_hardware:
@@ -410,9 +410,11 @@ def _stage_numbers(
     return f"{words} ({', '.join(physical)})"
 
 
-def _on_background(layers: Occlusion) -> str:
-    """The knowledge of objects before a background that levels of frames take for granted."""
+def _on_objects(layers: Occlusion | None) -> str:
+    """The knowledge of objects that levels of frames take for granted."""
     why = "Moving frames are left out: objects are found in frames at rest alone."
+    if layers is None:
+        return f"{why} If all of a picture moves alike, say width_px of [sensor] and not [objects]."
     if layers.background == "moving":
         return f"Levels of frames assume known speeds and outlines, and ignore edges. {why}"
     if not layers.has_edges:
@@ -487,10 +489,7 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
             "detail like theirs (before one that is dark and empty say [objects])"
         )
     if scene.objects is not None:
-        alone = sum(exposures.rests) < 2 and exposures.num_frames > 1
-        region = " in a picture of its own (several in one need frames at rest: max_stroke_px = 0)"
-        width = f"{float(scene.objects.width):,.4g} px wide"
-        return f"objects at least {width}, each registered{region if alone else ''}"
+        return f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
     way = math.ceil(float(scene.max_speed) * exposures.duration)
     return (
         f"the picture moves as a whole, or its objects are much wider than {way:,} px (else say "

@@ -95,8 +95,8 @@ def best_in_plane(
 
     A stage of two axes follows a circle, two sines of different frequency, parabolas crossed at
     right angles, or one constant velocity a frame; one of a single axis sweeps, swings on a sine or
-    on parabolas along the axis of the fastest things. Before a background there are only frames at
-    rest, in which objects are found. Limits hold for each axis, or for both
+    on parabolas along the axis of the fastest things. Where things are found one by one there are
+    only frames at rest. Limits hold for each axis, or for both
     together where they are those of a disc, from rest to rest. From the best way a free path
     descends by its gradient, and is among the bursts where it gains 0.05 dB.
 
@@ -158,15 +158,16 @@ class _PlaneSearch(NamedTuple):
     def found(self, progress: Callable[[float], None]) -> PlaneSearch:
         """The best frames of each kind."""
         one, number, limits = self.stage(1), len(self.counts), self.scene.limits
+        moves = limits.moves and not self.scene.is_found_by_object
         still: list[End | None] = []
         along: list[End | None] = []
         for index, count in enumerate(self.counts):
             progress(0.4 * index / number)
             still += [one.best(kind, count) for kind in (STILLS, BRACKETED)]
-            if limits.moves:
+            if moves:
                 along += [one.best(kind, count) for kind in WAYS]
         bursts = self._bursts(one, still, 0) + self._bursts(one, along, 1)
-        if limits.moves and limits.axes != "one":
+        if moves and limits.axes != "one":
             bursts += self._on_two_axes(one, along, bursts, progress)
         at_rest = self._replace(offset=np.zeros(2)).stage(1)
         snapshot = self._bursts(at_rest, [at_rest.best(STILLS, 1)], 0)[0]

@@ -34,10 +34,11 @@ def best_bursts(
 ) -> tuple[Exposures, ...]:
     """The best burst of a sensor at rest, and that of one that moves; none without `scene.burst`.
 
-    Before a background there is only that at rest: `restore` finds objects in such frames alone.
+    Where things are found one by one there is only that at rest: `restore` finds them in such
+    frames alone.
     """
     found = [best_still_burst(scene)]
-    if scene.occlusion is None:
+    if not scene.is_found_by_object:
         found.append(best_moving_burst(scene, progress=progress))
     return tuple(with_losses(scene, each) for each in found if each is not None)
 

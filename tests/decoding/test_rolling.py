@@ -257,3 +257,23 @@ def test_a_velocity_along_the_readout_is_found():
     assert np.all(np.abs(found.velocity - VELOCITY) < 4 * found.error)
     untold = restore_frames(captures, PLANE, frames).estimate.velocity
     assert untold == pytest.approx(VELOCITY / (1 - 800 * 50e-6), rel=0.02)
+
+
+def test_rows_of_moving_frames_tell_as_much_as_theirs_in_the_mean():
+    """Of frames on a circle, whose responses change from row to row: the mean square of all."""
+    frames = frames_of("A", 4, "circle")
+    rolling = replace(PLANE, sensor=Sensor(readout=0.01))
+    times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
+    noises = np.array([0.1, 0.15, 0.07, 0.2])
+    own = Own(np.zeros((4, 60, 70)), noises, frames, Prior(rolling), times)
+    level = own.level(VELOCITY[None])
+    paths = level.rows.paths
+    every = []
+    for delay in paths.delays.tolist():
+        one = level._replace(rows=None, instants=paths.at(delay))
+        every.append(np.abs(one.responses(VELOCITY[None])[:, 0]) ** 2)
+    wanted = np.tensordot(1 / noises, np.mean(every, axis=0), 1)
+    found = level.canvas.density(level.responses(VELOCITY[None]))[0]
+    worth = level.canvas.power
+    assert np.sum(found * worth) == pytest.approx(np.sum(wanted * worth), rel=0.05)
+    assert np.sum(found) == pytest.approx(np.sum(wanted), rel=0.15)

@@ -12,6 +12,7 @@ from mishutter import (
     EvenVelocities,
     Limits,
     ListedVelocities,
+    Objects,
     Occlusion,
     Scene,
     Sensor,
@@ -453,6 +454,8 @@ def test_before_a_background_frames_rest_and_one_frame_has_one_filter():
     assert not any(each.moves for each in found.bursts)
     assert found.snapshot.level < float(exposures_psnr(scene, found.snapshot)) - 0.3
     assert found.snapshot.level + 2 < found.bursts[0].level < found.ceiling
+    apart = best_in_plane(Scene.any_direction(800.0, objects=Objects(width=70.0), **numbers))
+    assert not any(each.moves for each in apart.bursts)
     whole = Occlusion(front_share=1.0)
     alike = Scene.any_direction(ListedVelocities([(500.0, 200.0)]), occlusion=whole, **numbers)
     snapshot = best_in_plane(alike).snapshot

@@ -19,6 +19,7 @@ from mishutter import (
     HannShutter,
     KnownSpeedLoss,
     Limits,
+    Objects,
     Occlusion,
     RectShutter,
     Scene,
@@ -246,10 +247,12 @@ def test_frames_move_where_that_pays_on_the_sensor(losses, wanted):
     assert choose_burst(some, 25.0, A_STAGE).kind == wanted
 
 
-def test_before_a_background_frames_are_at_rest():
-    """Moving ones lose more there by what objects uncover than levels say that they gain."""
-    layered = Scene(**_OF_SWIFT, occlusion=Occlusion(front_share=0.3))
-    (still,) = best_bursts(layered)
+@pytest.mark.parametrize(
+    "parts", [{"occlusion": Occlusion(front_share=0.3)}, {"objects": Objects(width=90.0)}]
+)
+def test_things_that_are_found_one_by_one_have_frames_at_rest(parts):
+    """In frames that move things of several velocities are not told apart."""
+    (still,) = best_bursts(Scene(**_OF_SWIFT, **parts))
     assert not still.moves
     assert len(best_bursts(SWIFT)) == 2
 
