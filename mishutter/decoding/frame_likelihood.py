@@ -157,9 +157,14 @@ class Level(NamedTuple):
             values.append(gains - volumes.reshape(-1, *[1] * (gains.ndim - 1)))
         return np.concatenate(values)
 
-    def fit(self, velocity: Float[np.ndarray, "axes"], mean: float = 0.0) -> Fit:
+    def fit(
+        self,
+        velocity: Float[np.ndarray, "axes"],
+        mean: float = 0.0,
+        tolerance: float = TOLERANCE,
+    ) -> Fit:
         """How the frames fit the likeliest picture at a velocity, about a mean level."""
-        return fit_of(self.likeliest(velocity[None]), self.volume(velocity), mean)
+        return fit_of(self.likeliest(velocity[None], tolerance), self.volume(velocity), mean)
 
 
 class Own(NamedTuple):
