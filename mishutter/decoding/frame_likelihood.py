@@ -106,10 +106,13 @@ class Level(NamedTuple):
     rows: RowsInTurn | None  # Where they are exposed one after another
 
     def likeliest(
-        self, velocities: Float[np.ndarray, "s axes"], tolerance: float = TOLERANCE
+        self,
+        velocities: Float[np.ndarray, "s axes"],
+        tolerance: float = TOLERANCE,
+        settled: float = math.inf,
     ) -> Likeliest:
         """The likeliest pictures at some velocities."""
-        return likeliest(self.canvas, self.responses(velocities), tolerance)
+        return likeliest(self.canvas, self.responses(velocities), tolerance, settled)
 
     def responses(
         self, velocities: Float[np.ndarray, "s axes"], *, by_time: bool = False
@@ -154,14 +157,9 @@ class Level(NamedTuple):
             values.append(gains - volumes.reshape(-1, *[1] * (gains.ndim - 1)))
         return np.concatenate(values)
 
-    def fit(
-        self,
-        velocity: Float[np.ndarray, "axes"],
-        mean: float = 0.0,
-        tolerance: float = TOLERANCE,
-    ) -> Fit:
+    def fit(self, velocity: Float[np.ndarray, "axes"], mean: float = 0.0) -> Fit:
         """How the frames fit the likeliest picture at a velocity, about a mean level."""
-        return fit_of(self.likeliest(velocity[None], tolerance), self.volume(velocity), mean)
+        return fit_of(self.likeliest(velocity[None]), self.volume(velocity), mean)
 
 
 class Own(NamedTuple):

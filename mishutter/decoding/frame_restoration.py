@@ -18,13 +18,14 @@ from mishutter._core.checks import as_float, require
 from mishutter.camera.capture import kernel_layout
 from mishutter.camera.rows import instants_within_reach
 from mishutter.decoding.decoders.base import AbstractDecoder, CompleteFrames, blur_model
-from mishutter.decoding.decoders.linear import LEAST_POWER, EnsembleDecoder, mean_over_dft
+from mishutter.decoding.decoders.linear import LEAST_POWER, EnsembleDecoder
 from mishutter.decoding.decoders.plug_and_play import Misfit, PlugAndPlayDecoder
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
 from mishutter.decoding.decoders.total_variation import TotalVariationDecoder, advanced
 from mishutter.decoding.frame_likelihood import Level, Own, Prior, exposures_of
 from mishutter.decoding.likeliest import (
-    Canvas,
+    SETTLED,
+    TOLERANCE,
     Likeliest,
     complete,
     electrons_of,
@@ -110,7 +111,7 @@ def _likeliest(
     noises = noises_of(scene, exposures_of(taken), float(scene.picture.mean_level))
     own = Own(deviations[0], noises, taken, Prior(scene), times)
     level = own.level(velocity[None])
-    first = level.likeliest(velocity[None])
+    first = level.likeliest(velocity[None], TOLERANCE, SETTLED)
     return level, [first, *(first.of(frames) for frames in deviations[1:])]
 
 
@@ -131,7 +132,7 @@ def _by_total_variation(
     """The minimum of `TotalVariationDecoder`, with the responses of the plane."""
     canvas, density = found.canvas, found.density[0]
     turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in frequencies_along(canvas.shape))
-    scales = decoder.scales(_error(canvas, density))
+    scales = decoder.scales(float(canvas.error(density)))
     smooth = scales.smooth / canvas.power
     smooth[0, 0] = 0.0  # the level is free
     inverse = 1 / (scales.data * density + smooth + turns)
@@ -150,11 +151,6 @@ def _by_total_variation(
     return state[0]
 
 
-def _error(canvas: Canvas, density: Float[np.ndarray, "m k"]) -> float:
-    """Squared error that the likeliest picture is expected to leave."""
-    return float(mean_over_dft(canvas.power / (1 + canvas.power * density), *canvas.shape))
-
-
 def _differences(picture: np.ndarray) -> Float[np.ndarray, "2 m n"]:
     return np.stack([np.roll(picture, -1, axis) - picture for axis in (0, 1)])
 
@@ -164,7 +160,7 @@ def _by_denoiser(decoder: PlugAndPlayDecoder, found: Likeliest, mean: float) -> 
     canvas, density = found.canvas, found.density[0]
     return decoder.steps(
         found.picture[0],
-        Misfit(complete(found)[0], density, math.sqrt(_error(canvas, density)), mean),
+        Misfit(complete(found)[0], density, math.sqrt(canvas.error(density)), mean),
         canvas.spectrum,
         canvas.picture,
     )

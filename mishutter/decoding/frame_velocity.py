@@ -74,10 +74,9 @@ _TOLD = (
     _FOUND[0]._replace(reasons=f"another speed, {_ON_AXIS}"),
     _FOUND[1]._replace(reasons=f"another velocity, rows and columns exchanged, {_IN_PLANE}"),
 )
-_TOLERANCES = TOLERANCE, ROUGHLY
-"""Residuals at which conjugate gradients of a fit that is compared end, of rows and of pictures."""
 _FINALLY = TOLERANCE / 10, TOLERANCE
-"""The same of the peak: the slopes of rows, which cost little, are those of the likeliest ones."""
+"""Residuals at which conjugate gradients of the peak end, of rows and of pictures: the slopes of
+rows, which cost little, are those of the likeliest ones."""
 _PX_A_STEP = 0.7, 1.4
 """Displacement over the frames between neighbouring velocities that are tried, of one component and
 of two; binned px."""
@@ -188,11 +187,6 @@ class _Burst(NamedTuple):
         return float(np.mean(self.grey)) if self.own.num_axes > 1 else 0.0
 
     @property
-    def tolerance(self) -> float:
-        """Residual at which a fit that is compared ends."""
-        return _TOLERANCES[self.own.num_axes - 1]
-
-    @property
     def searched(self) -> Own:
         """Frames that are looked at first: of rows the one of most detail in each of some bands."""
         if self.own.num_axes > 1:
@@ -267,18 +261,17 @@ def _told(burst: _Burst, velocity: Float[np.ndarray, "axes"]) -> VelocityEstimat
     instants_within_reach("restore_frames(speed=...)", burst.own.taken, velocity)
     velocities = np.array([velocity, *(velocity + burst.asides)])
     size = _sizes_of(burst.own)[1]
-    burst = burst.steady(
-        burst.own.level(velocities, size).fit(velocity, burst.mean, burst.tolerance)
-    )
+    burst = burst.steady(burst.own.level(velocities, size).fit(velocity, burst.mean))
     level = burst.own.level(velocities, size)
-    fits = [level.fit(each, burst.mean, burst.tolerance) for each in velocities]
+    fits = [level.fit(each, burst.mean) for each in velocities]
+    fit = fits[0] if size == 1 else burst.own.level(velocity[None]).fit(velocity, burst.mean)
     evidence = Evidence(
         frames=burst.grey,
         noises=burst.own.noises,
         places=level.instants.middles(velocity),
-        fit=fits[0],
+        fit=fit,
         compared=fits[0],
-        elsewhere=float(np.mean([fit.misfit for fit in fits[1:]])),
+        elsewhere=float(np.mean([each.misfit for each in fits[1:]])),
         rivals=[],
         lead=math.inf,
         middle=0.0,
@@ -286,7 +279,7 @@ def _told(burst: _Burst, velocity: Float[np.ndarray, "axes"]) -> VelocityEstimat
         is_only=True,
     )
     doubt = burst.doubt(evidence, velocity, size, 0.0)
-    misfit = fits[0].misfit if len(burst.grey) > 1 else None
+    misfit = fit.misfit if len(burst.grey) > 1 else None
     still = np.zeros((velocity.size, velocity.size))
     return VelocityEstimate(velocity, still, doubt == "", velocities[:1], np.ones(1), doubt, misfit)
 
@@ -297,7 +290,7 @@ def _found(burst: _Burst) -> VelocityEstimate:
     climb, size = search.ends[0], search.level.canvas.size
     velocities = np.array([climb.best, *(end.best for end in search.ends[1:])])
     judged = burst.own.level(velocities, size)
-    burst = burst.steady(judged.fit(climb.velocity, burst.mean, burst.tolerance))
+    burst = burst.steady(judged.fit(climb.velocity, burst.mean))
     own, finally_ = burst.own, _FINALLY[burst.own.num_axes - 1]
     while True:
         level = own.level(climb.best[None], size)
@@ -315,7 +308,7 @@ def _found(burst: _Burst) -> VelocityEstimate:
     velocities = np.array([*apart, *(best + burst.asides)])
     judged = own.level(velocities, size)
     values = np.sum(judged.logarithms(np.array(apart)), axis=tuple(range(1, 3 - own.num_axes)))
-    fits = [judged.fit(each, burst.mean, burst.tolerance) for each in velocities]
+    fits = [judged.fit(each, burst.mean) for each in velocities]
     count, top = len(apart), float(np.max(values))
     evidence = Evidence(
         frames=burst.grey,

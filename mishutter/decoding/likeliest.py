@@ -40,8 +40,14 @@ from mishutter.model.scene import Scene
 from mishutter.model.sensor import noise_of_frames, white_electrons
 
 TOLERANCE = 1e-3
-"""Residual at which conjugate gradients end, as a share of the first one: the level is within
-0.01 dB of its limit."""
+"""Residual at which conjugate gradients end, as a share of the first one: the misfit of frames is
+within 1 % of its limit. A picture may be far from its own, in waves that frames hardly record."""
+SETTLED = 0.05
+"""Squared change of a picture on the sensor as steps double, as a share of its expected squared
+error, at which it ends as well: less than that is left, and the level is within 0.1 dB of its
+limit."""
+_MOST_STEPS = 512
+"""Most steps of conjugate gradients."""
 TILES = 8
 """Parts of a picture along each axis whose likelihoods are compared."""
 
@@ -147,6 +153,10 @@ class Canvas(NamedTuple):
             return density_of(responses, noises)
         return reduce(operator.iadd, (a.power / n for a, n in zip(responses, noises, strict=True)))
 
+    def error(self, density: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Squared error that the likeliest pictures are expected to leave."""
+        return mean_over_dft(self.power / (1 + self.power * density), *self.shape)
+
 
 Solve = Callable[[Complex[np.ndarray, "..."]], Complex[np.ndarray, "..."]]
 """The likeliest pictures, from all that frames tell of them."""
@@ -182,10 +192,15 @@ class Likeliest(NamedTuple):
         return np.stack([self.canvas.through(one, self.spectrum) for one in self.responses])
 
 
-def likeliest(canvas: Canvas, responses: Responses, tolerance: float = TOLERANCE) -> Likeliest:
-    """The likeliest pictures: by a matrix that all share, or by gradients to a residual."""
+def likeliest(
+    canvas: Canvas,
+    responses: Responses,
+    tolerance: float = TOLERANCE,
+    settled: float = math.inf,  # Share of the expected squared error
+) -> Likeliest:
+    """The likeliest pictures: by a matrix that all share, or by gradients until they settle."""
     if isinstance(responses, np.ndarray) or responses[0].matrix is None:
-        solve = partial(_by_gradients, canvas, responses, tolerance)
+        solve = partial(_by_gradients, canvas, responses, tolerance, settled)
     else:
         solve = _by_matrices(canvas, [one.matrix for one in responses])
     return _solved(canvas, responses, solve)
@@ -233,6 +248,7 @@ def _by_gradients(
     canvas: Canvas,
     responses: Responses,
     tolerance: float,
+    settled: float,
     target: Complex[np.ndarray, "..."],
 ) -> Complex[np.ndarray, "..."]:
     """The likeliest pictures, by conjugate gradients on all of them at once."""
@@ -240,7 +256,8 @@ def _by_gradients(
     prior = 1 / canvas.power
     # The sensor sees a share of the canvas; elsewhere the prior alone holds the picture.
     share = math.prod(canvas.sensor) / math.prod(shape)
-    inverse = 1 / (share * canvas.density(responses) + prior)
+    density = canvas.density(responses)
+    inverse = 1 / (share * density + prior)
 
     def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Inner products of pictures, from half of their spectra."""
@@ -252,9 +269,10 @@ def _by_gradients(
 
     picture, residual, step = np.zeros_like(target), target.copy(), target * inverse
     size = product(residual, step)
-    least = tolerance**2 * size
-    for _ in range(200):
-        is_active = size > least
+    least, most, moved = tolerance**2 * size, settled * canvas.error(density), math.inf
+    is_active, before = np.ones(size.shape, bool), 0.0
+    for count in range(1, _MOST_STEPS + 1):
+        is_active &= (size > least) | (moved > most)
         if not np.any(is_active):
             break
         image = canvas.gathered(responses, (canvas.through(one, step) for one in responses))
@@ -267,6 +285,10 @@ def _by_gradients(
         following = product(residual, turned)
         step = turned + along(following / np.maximum(size, 1e-300)) * step
         size = following
+        if math.isfinite(settled) and count.bit_count() == 1:
+            seen = canvas.seen(picture)
+            moved = np.mean((seen - before) ** 2, axis=tuple(range(-len(shape), 0)))
+            before = seen
     return picture
 
 

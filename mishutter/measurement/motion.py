@@ -13,7 +13,14 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from mishutter.measurement.estimates import Estimate
-from mishutter.pictures.registration.search import AROUND, EXPLAINED, SEPARATE, WINDOW, searched
+from mishutter.pictures.registration.search import (
+    AROUND,
+    EXPLAINED,
+    SEPARATE,
+    WINDOW,
+    around,
+    searched,
+)
 from mishutter.pictures.registration.sweep import ROBUST, Region, Smoothed, Sweep
 from mishutter.pictures.registration.windows import Window
 
@@ -27,6 +34,10 @@ _STEP_ERROR = 0.05
 """Error of a step of an object from one frame to the next; px."""
 _WIDE = 5
 """Half the width of an area without a velocity that is no object's edge; px."""
+_BETTER = 0.9
+"""Cost of a part along the velocity of a larger one, over that along its own, if it is of that."""
+_REST = -1
+"""Number of what stands still among parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +190,7 @@ def _view(frames: np.ndarray, smooth: tuple[Smoothed, Smoothed], reference: int)
     """The objects: connected pixels of one velocity, each with a velocity of its own."""
     found = searched(frames, smooth, reference, _LEAST_AREA)
     labels = np.zeros(found.labels.shape, int)
-    objects: list[MovingObject] = []
+    seen: list[tuple[MovingObject, Bool[np.ndarray, "rows columns"]]] = []
     for number, velocity in enumerate(found.velocities[1:], 1):
         parts = np.empty(labels.shape, np.int32)
         ndimage.label(ndimage.binary_opening(found.labels == number, iterations=2), output=parts)
@@ -188,10 +199,15 @@ def _view(frames: np.ndarray, smooth: tuple[Smoothed, Smoothed], reference: int)
             if mask.sum() < _LEAST_AREA:
                 continue
             each, mask = _object(smooth[0], reference, velocity, mask, found.sweeps)
-            if each.lead <= 0:  # noise has made it up
-                continue
-            objects.append(each)
-            labels[mask & (labels == 0)] = len(objects)
+            is_told_from_rest = np.any(np.abs(each.velocity) > 2 * np.array(each.error))
+            if each.lead > 0 and is_told_from_rest:  # otherwise noise has made it up, or it rests
+                seen.append((each, mask))
+    owners = _owners(smooth[0], reference, seen)
+    own = sorted(set(owners) - {_REST})
+    objects = [seen[n][0] for n in own]
+    for (_, mask), owner in zip(seen, owners, strict=True):
+        if owner != _REST:
+            labels[mask & (labels == 0)] = own.index(owner) + 1
     near = np.asarray(ndimage.binary_dilation(labels > 0, iterations=_WIDE))
     unexplained = (found.least > EXPLAINED) & (near == 0)
     is_wide = np.asarray(ndimage.binary_opening(unexplained, iterations=_WIDE), bool)
@@ -199,14 +215,41 @@ def _view(frames: np.ndarray, smooth: tuple[Smoothed, Smoothed], reference: int)
     return _View(objects, labels, 1 / (1 + np.maximum(found.least - 1, 0) ** 4))
 
 
+def _owners(
+    fine: Smoothed,
+    reference: int,
+    seen: Sequence[tuple[MovingObject, Bool[np.ndarray, "rows columns"]]],
+) -> list[int]:
+    """Number of the part with whose velocity each part goes: its own, a larger one, or rest.
+
+    A strip along an edge, which others hide in some frames, may end its search far from both.
+    """
+    near = around(len(fine.coefficients), reference, 1)
+    velocities = {n: np.array(each.velocity) for n, (each, _) in enumerate(seen)}
+    owners, larger = list(range(len(seen))), {_REST: np.zeros(2)}
+    for number in sorted(owners, key=lambda n: -seen[n][0].area):
+        region = Region(fine, reference, near, _inner(seen[number][1]))
+        costs = {n: region.cost(velocity) for n, velocity in larger.items()}
+        best = min(costs, key=costs.__getitem__)
+        if costs[best] < _BETTER * region.cost(velocities[number]):
+            owners[number] = best
+        else:
+            larger[number] = velocities[number]
+    return owners
+
+
+def _inner(mask: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+    """The inner part of an object, at whose edge another's light may be seen."""
+    inner = np.asarray(ndimage.binary_erosion(mask, iterations=4), bool)
+    return inner if inner.sum() >= _LEAST_AREA // 2 else mask
+
+
 def _object(
     fine: Smoothed, reference: int, velocity: np.ndarray, mask: np.ndarray, sweeps: list[Sweep]
 ) -> tuple[MovingObject, Bool[np.ndarray, "rows columns"]]:
     """An object, its velocity refined over more and more frames, and its own pixels."""
     count = len(fine.coefficients)
-    # At an object's edge another's light may be seen.
-    inner = ndimage.binary_erosion(mask, iterations=4)
-    inner = inner if inner.sum() >= _LEAST_AREA // 2 else mask
+    inner = _inner(mask)
     farthest = max(reference, count - 1 - reference)
     reach, used, residual, covariance = 1, 1, np.inf, np.eye(2)
     while True:

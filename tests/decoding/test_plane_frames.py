@@ -28,7 +28,7 @@ from mishutter import (
 from mishutter.camera.plane_frames import aperture_on, responses_in_plane
 from mishutter.decoding.frame_likelihood import Own, Prior, climbed
 from mishutter.decoding.frame_velocity import VelocityEstimate, _Burst, velocity_of_frames
-from mishutter.decoding.likeliest import noises_of
+from mishutter.decoding.likeliest import fit_of, noises_of
 from mishutter.decoding.rolling import RowTimes
 from mishutter.evaluation.instants import Instants
 from mishutter.model.velocities import EvenVelocities
@@ -74,6 +74,30 @@ def test_fields_are_restored_as_well_as_the_formula_says(kind):
         formula = 10 ** (-float(plane_psnr(told, frames)) / 10)
         errors[-1] /= formula
     assert 10 * np.log10(np.mean(errors)) == pytest.approx(0, abs=0.25)
+
+
+@pytest.mark.slow
+def test_a_circle_is_restored_to_its_limit(monkeypatch):
+    """Exposures of one turn each hardly record some waves of a picture, which settle last."""
+    angle, period = np.linspace(0, 8 * np.pi, 385), 0.02
+    paths = 2100.0 * np.stack([-np.sin(angle), np.cos(angle)])
+    times = (np.arange(4) - 1.5) * period
+    frames = PlaneFrames(times, np.full(4, period), np.full(384, period / 96), paths)
+    scene = Scene.any_direction(2800.0, photon_rate=1e5, read_noise=8.0)
+    velocity = np.array([-150.0, 600.0])
+    captures, truth = a_field(frames, velocity, 32, 0, scene)
+    found = restore_frames(captures, scene, frames, speed=velocity)
+    monkeypatch.setattr("mishutter.decoding.likeliest._MOST_STEPS", 5000)
+    own = Own(
+        captures - np.mean(captures), noises_of(scene, frames.exposures, 0.25), frames, Prior(scene)
+    )
+    limit = own.level(velocity[None]).likeliest(velocity[None], 1e-5)
+    picture = limit.picture[0][limit.canvas.window] + np.mean(captures)
+    assert psnr(found.light, truth) == pytest.approx(psnr(picture, truth), abs=0.05)
+    burst = _Burst.of(captures[None], scene, frames, RowTimes(np.zeros(1)))
+    level = burst.own.level(velocity[None])
+    fit = fit_of(level.likeliest(velocity[None], 1e-5), level.volume(velocity), burst.mean)
+    assert found.estimate.misfit == pytest.approx(fit.misfit, rel=0.02)
 
 
 @pytest.mark.slow
@@ -242,7 +266,7 @@ def test_a_gain_that_was_taken_out_is_not_found_again():
     burst, apart = _Burst.of(captures[None], bright, frames, times), []
     for _ in range(2):
         level = burst.own.level(velocity[None], 1)
-        fit = level.fit(velocity, burst.mean, burst.tolerance)
+        fit = level.fit(velocity, burst.mean)
         burst, apart = burst.steady(fit), [*apart, fit.gains[1] - fit.gains[0]]
     np.testing.assert_allclose(apart, [0.1, 0.0], atol=0.01)
 
