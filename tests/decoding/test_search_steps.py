@@ -7,7 +7,7 @@ import pytest
 
 from mishutter import PlaneFrames, Scene, Sensor, StillCamera, TimedFrame
 from mishutter.decoding.frame_doubts import Evidence, Rival, Words, doubt_of_rows, odd_frame
-from mishutter.decoding.frame_likelihood import Own, Prior
+from mishutter.decoding.frame_likelihood import ROUGHLY, Own, Prior, climbed
 from mishutter.decoding.frame_velocity import (
     VelocityEstimate,
     _beside,
@@ -16,6 +16,7 @@ from mishutter.decoding.frame_velocity import (
     _shows,
     _sizes_of,
     _Speeds,
+    _top,
     _values,
     _velocities_to_try,
 )
@@ -329,6 +330,20 @@ def test_neighbouring_frames_are_looked_at_in_overlapping_parts():
     np.testing.assert_allclose(_values(own, velocities, 1, 3), wanted)
     whole = own.level(velocities, 1, share=0.5).logarithms(velocities)
     np.testing.assert_allclose(_values(own, velocities, 1, 5), whole)
+
+
+def test_a_peak_is_reached_by_a_tenth_of_a_step():
+    """Or after five climbs, each from the end of the one before."""
+    x = np.arange(90) + 60 * np.array(TIMES)[:, None, None]
+    own = own_of(0.1 * np.sin(x / 5) + 0.05 * np.cos(x / 11), TIMES, [0.01] * 3)
+    start = np.array([55.0])
+    level, climbs = own.level(start[None]), []
+    for _ in range(6):
+        climbs.append(climbed(level, start if not climbs else climbs[-1].best, ROUGHLY))
+    sizes = [one.size for one in climbs]
+    assert sizes[0] > 2 * sizes[1] > 0
+    for step, last in ((20 * sizes[0], 0), (10 * (sizes[0] + sizes[1]) / 2, 1), (0.0, 4)):
+        np.testing.assert_allclose(_top(level, start, step).best, climbs[last].best)
 
 
 def burst(axes=1, rows=6):

@@ -12,6 +12,7 @@ from support.clips import ClipOf, Thing
 from mishutter.measurement.clip import Clip, clip_of
 from mishutter.measurement.measurement import noise_from
 from mishutter.measurement.noise import _black_of
+from mishutter.measurement.signs import too_few
 
 THINGS = (
     Thing((70, 80), (38, 46), (190.0, 310.0)),
@@ -373,3 +374,14 @@ def test_a_sensor_of_two_gains_is_told_no_gamma(most, read_noise):
     (refusal,) = noise.refusals
     assert "two gains" in refusal.reason
     assert "gamma" not in refusal.text
+
+
+@pytest.mark.parametrize(
+    ("deviation", "whole", "words"),
+    [(0.29, 1.0, "smaller than the steps"), (0.31, 1.0, "stands still"), (0.29, 0.05, "cut off")],
+)
+def test_noise_below_three_tenths_of_a_step_is_hidden_by_it(deviation, whole, words):
+    """Beside that of rounding, a twelfth of its square; of a picture that is not cut off."""
+    clip = Clip(np.zeros((2, 16, 16), np.float32), 50.0, None, 255.0, 4.0, (0.0, 255.0))
+    refusal = too_few(clip, whole, 16 * (deviation**2 + 1 / 12))
+    assert words in " ".join(map(str, refusal))
