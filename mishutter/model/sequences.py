@@ -147,11 +147,21 @@ class FramePath(AbstractModule):
         return middle[0], self.place(middle)[:, 0]
 
     def longest_way(self, fastest: float) -> float:
-        """Longest way over the sensor in a known frame, of anything up to a speed, px/s; px."""
+        """Longest way over the sensor in a known frame; px.
+
+        Args:
+            fastest: Speed of the fastest thing; px/s.
+        """
         return (self.top_speed + fastest) * float(np.max(np.asarray(self.exposures)))
 
     def cuts(self, begin: Numbers, end: Numbers, delay: float) -> Numbers:
-        """Bends of a path for rows within each exposure; beyond the last that it has, its end."""
+        """Bends of a path for rows within each exposure; beyond the last that it has, its end.
+
+        Args:
+            begin: Time at which each exposure begins; s, shape (n,).
+            end: Time at which each ends.
+            delay: Time by which a row is later than the middle one; s.
+        """
         if not (self.lead or delay):
             return begin[:, None][:, :0]
         bends, ends = self.bends, zip(begin, end, strict=True)
@@ -162,7 +172,11 @@ class FramePath(AbstractModule):
         return cuts
 
     def beside(self, pan: Float[np.ndarray, "axes"]) -> "FramePath":
-        """The frames as the stage makes them, beside a camera that turns at a velocity, px/s."""
+        """The frames as the stage makes them, beside a camera that turns.
+
+        Args:
+            pan: Velocity at which the camera turns along each axis; px/s.
+        """
         if not np.any(pan):
             return self
         return eqx.tree_at(lambda x: x.velocities, self, self.velocities - pan[:, None])
@@ -170,7 +184,13 @@ class FramePath(AbstractModule):
     def for_rows(
         self, readout: float, limits: Limits, pan: Float[np.ndarray, "axes"] | None = None
     ) -> "FramePath":
-        """Known frames, on a path that goes on while rows are exposed earlier and later."""
+        """Known frames, on a path that goes on while rows are exposed earlier and later.
+
+        Args:
+            readout: Time from the first row to the last; s.
+            limits: Limits of the stage.
+            pan: Velocity at which the camera turns along each axis, px/s; by default it does not.
+        """
         if self.lead or self.stays or not readout:
             return self
         if pan is not None and np.any(pan):
