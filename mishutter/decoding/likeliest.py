@@ -45,9 +45,9 @@ within 1 % of its limit. A picture may be far from its own, in waves that frames
 SETTLED = 0.05
 """Squared change of a picture on the sensor as steps double, as a share of its expected squared
 error, at which it ends as well: less than that is left, and the level is within 0.1 dB of its
-limit."""
+limit, unless `_MOST_STEPS` end it before."""
 _MOST_STEPS = 512
-"""Most steps of conjugate gradients."""
+"""Most steps of conjugate gradients; 512 left 0.07 of a picture of which all frames miss waves."""
 TILES = 8
 """Parts of a picture along each axis whose likelihoods are compared."""
 

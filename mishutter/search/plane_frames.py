@@ -236,8 +236,7 @@ class _PlaneSearch(NamedTuple):
         burst = within(limits, end.frames, exposures_of)
         if burst is None:
             return None
-        path: FramePath = burst.frames  # type: ignore[assignment]
-        made = path.for_rows(self.scene.sensor.readout_time, limits)
+        made: FramePath = burst.for_rows(self.scene.sensor.readout_time, limits).path  # type: ignore[assignment]
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
