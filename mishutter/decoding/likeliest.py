@@ -26,7 +26,7 @@ import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial, reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -306,7 +306,7 @@ def complete(
     if density is not None or not isinstance(responses, np.ndarray):
         own = found.density if density is None else density
         return (own + 1 / canvas.power) * found.spectrum
-    data: Any = 0.0
+    data = np.zeros_like(found.spectrum)
     noises = canvas.noises.astype(canvas.frames.dtype)
     for frame, response, noise in zip(canvas.frames, responses, noises, strict=True):
         whole = canvas.picture(found.spectrum * response)
