@@ -132,8 +132,7 @@ def rows_of(
     readout, frames = scene.sensor.readout_time, _alone(exposures)
     if not readout or isinstance(exposures, Instants) or isinstance(frames, Instants):
         return [(1.0, instants_of(scene, frames, caller, lights, num_panels))]
-    count, words = frames_in(frames).num_frames, "hold one exposure at least"
-    require(count > 0, f"{caller}(exposures=...)", words, 0)
+    _require_some(frames, caller)
     path = path_for_rows(scene, exposures)
     way = path.top_speed * float(np.max(np.asarray(path.exposures)))
     x, weight = np.polynomial.legendre.leggauss(_DELAYS if way >= AT_REST else 1)
@@ -148,6 +147,11 @@ def _alone(exposures: Frames | Exposures | Instants) -> Frames | Instants:
     return exposures if isinstance(exposures, Instants) else frames_of(exposures)
 
 
+def _require_some(frames: Frames, caller: str) -> None:
+    count, requirement = frames_in(frames).num_frames, "hold one exposure at least"
+    require(count > 0, f"{caller}(exposures=...)", requirement, count)
+
+
 def instants_of(
     scene: Scene,
     frames: Frames | Instants,
@@ -160,8 +164,7 @@ def instants_of(
     """Instants of exposures for all velocities of a scene, for a row of some delay."""
     if isinstance(frames, Instants):
         return frames
-    count, words = frames_in(frames).num_frames, "hold one exposure at least"
-    require(count > 0, f"{caller}(exposures=...)", words, 0)
+    _require_some(frames, caller)
     fastest = 0.0
     if num_panels is None:
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))

@@ -25,8 +25,8 @@ from mishutter.search.search import SearchSettings, Start, best_design
 from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, Search, outside_limits
 
 Arrays = dict[str, np.ndarray]
-Found = Callable[[Block, float], None]
-"""A function that is called with a block and the share of its work that is done."""
+Found = Callable[[Block, int], None]
+"""A function that is called with a block and the points of it that are done."""
 
 
 class PreparedShutter(NamedTuple):
@@ -111,19 +111,19 @@ class Engine:
             yield np.flatnonzero(half_exposures == half), self._rules(prepared.coordinates, half)
 
     def computed(
-        self, blocks: Iterable[Block], found: Found = lambda block, share: None
+        self, blocks: Iterable[Block], found: Found = lambda block, points: None
     ) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time.
 
         Args:
             blocks: The blocks.
             found: Called after each point of a search, or else after each shutter that is
-                measured, with the block and its share that is done.
+                measured, with the block and its points that are done.
         """
         count = num_threads(np.array(jax.devices())) if self.bases else 1
         return in_threads(partial(self.compute, found=found), blocks, count)
 
-    def compute(self, block: Block, found: Found = lambda block, share: None) -> Arrays:
+    def compute(self, block: Block, found: Found = lambda block, points: None) -> Arrays:
         """Every variable of a block, NaN outside the limits; axes of frames left out."""
         grid, at = self.grid, self.grid.place(block)
         everywhere = self.outside[block.frame]
@@ -137,15 +137,14 @@ class Engine:
             name: _placed(getattr(sizes, name), inside) for name in ("num_taps", "dft_length")
         }
         arrays["outside"] = everywhere[at]
-        metrics = []
+        metrics, num_points = [], grid.num_points([block])
         for prepared in self.shutters:
             metrics.append(self._measured(prepared, block.frame, motions, sizes))
             if grid.search is None:
-                found(block, len(metrics) / len(self.shutters))
+                found(block, num_points * len(metrics) // len(self.shutters))
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            num_points = max(grid.num_points([block]), 1)
-            tell = lambda count: found(block, count / num_points)  # noqa: E731
+            tell = partial(found, block)
             boxes, best = _best_profiles(grid.search, scene, motions, profile, tell)
             arrays |= {name: _placed(values, inside) for name, values in best.items()}
             basis = self.bases[profile.symmetric]

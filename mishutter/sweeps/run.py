@@ -29,7 +29,7 @@ from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.windows import TukeyShutter
 from mishutter.search.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutter
-from mishutter.sweeps.blocks import Engine
+from mishutter.sweeps.blocks import Engine, Found
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import OPTIMISED, Block, Grid, Search, checked_axis, decoders_of
 from mishutter.sweeps.store import AbstractBlocks, MemoryBlocks, StoredBlocks
@@ -180,18 +180,18 @@ def _filled(
         told = progress if callable(progress) else lambda done, total: None
         with counts(progress is True, "sweeping", num_points, _WHY_NO_POINT) as counter:
             # Points of blocks that are under way; threads share no block.
-            within, names = dict.fromkeys(missing, 0.0), _names_of(grid)
+            within, names = dict.fromkeys(missing, 0), _names_of(grid)
 
             def tell() -> int:
-                found = int(done + sum(within.values()))
-                counter(found, names[next(iter(within))] if within else "")
-                return found
+                count = done + sum(within.values())
+                counter(count, names[next(iter(within))] if within else "")
+                return count
 
-            def found(block: Block, share: float) -> None:
-                within[block] = share * grid.num_points([block])
-                found = tell()
+            def found(block: Block, points: int) -> None:
+                within[block] = points
+                count = tell()
                 if grid.search is not None:
-                    told(found, num_points)
+                    told(count, num_points)
 
             told(tell(), num_points)
             if client is None:
@@ -221,7 +221,7 @@ _WHY_NO_POINT = "compiling, or measuring all points by a shutter at once"
 
 
 def _computed_here(
-    grid: Grid, missing: list[Block], blocks: AbstractBlocks, found: Callable[[Block, float], None]
+    grid: Grid, missing: list[Block], blocks: AbstractBlocks, found: Found
 ) -> Iterator[Block]:
     if missing:
         for block, arrays in zip(missing, Engine(grid).computed(missing, found), strict=True):
