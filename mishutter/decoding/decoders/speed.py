@@ -107,7 +107,7 @@ def bands(rows: int, columns: int) -> Bands:
     pairs = itertools.pairwise(edges)
     members = [np.flatnonzero((down > low) & (down <= high)) for low, high in pairs]
     members = [band for band in members if band.size]
-    # Under a sine window the powers at two neighbouring frequencies of a DFT correlate by a quarter.
+    # Under a sine window powers at neighbouring frequencies of a DFT correlate by a quarter.
     neighbours = [np.isin((band + 1) % rows, band).sum() for band in members]
     each = zip(members, neighbours, strict=True)
     counts = np.array([[band.size**2 / (band.size + pairs / 2)] for band, pairs in each])
