@@ -1,0 +1,341 @@
+"""The search's starts, slopes and paths, each against sums that are written out."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from mishutter import BurstMode, EvenVelocities, Limits, Scene
+from mishutter.evaluation.bursts import FrameTimes
+from mishutter.evaluation.instants import Instants
+from mishutter.search import frame_search, plane_frames
+from mishutter.search.frame_levels import Frames, Levels
+from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_search import Descent, End, Search, changed, one_by_one, reordered
+from mishutter.search.frame_ties import BRACKETED, FREE, SWEEP, TWO_SINES, Tie
+from mishutter.search.moving_frames import sequence_of
+
+LIMITS = Limits(
+    max_stroke=30.0,
+    max_half_exposure=0.02,
+    max_acceleration=4e5,
+    max_travel=47.0,
+    max_top_speed=3100.0,
+)
+FOLLOWED = (-700.0, 150.0, 2400.0)
+
+
+def _scene(limits=LIMITS):
+    burst = BurstMode(frames_per_s=70.0, window=0.07, dead_time=0.7e-3, max_frames=4)
+    light = {"photon_rate": 1.1e5, "read_noise": 6.0}
+    return Scene(FOLLOWED, [0.5, 0.2, 0.3], limits=limits, burst=burst, **light)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return _scene()
+
+
+@pytest.fixture(scope="module")
+def levels(scene):
+    return Levels.on_axis(scene)
+
+
+@pytest.fixture(scope="module")
+def room(scene):
+    return Room.of(scene.limits, FrameTimes.of(scene, scene.burst), 2400.0)
+
+
+def _frames(count, pieces, axes=1, seed=3):
+    """Frames of any lengths, velocities, gaps and places."""
+    draw = np.random.default_rng(seed)
+    exposure, gap = draw.uniform(3e-3, 9e-3, count), draw.uniform(6e-3, 1.1e-2, count - 1)
+    velocity = draw.normal(300.0, 800.0, (count, pieces + 1, axes))
+    return Frames(exposure, velocity, gap, draw.uniform(0, 30, (count, axes)), np.zeros(axes))
+
+
+def _following(room, frames, frame, thing, longest):
+    """The frames of which one follows a thing as long as its way is within the stroke."""
+    exposure, velocity = frames.exposure.copy(), frames.velocity.copy()
+    velocity[frame] = np.clip(thing, -room.top_speed, room.top_speed)
+    most = min(room.length / abs(thing), longest)
+    exposure[frame] = max(most, room.times.shortest)
+    return frames._replace(exposure=exposure, velocity=velocity)
+
+
+def test_exchanges_are_those_that_gain_most(levels, room):
+    """Of all in which one frame follows another thing, the four of the highest levels, in order."""
+    frames = _frames(3, 2)
+    frames.velocity[1] = 2400.0  # which the second follows already
+    every = [
+        _following(room, frames, k, thing, frames.exposure[k])
+        for k, thing in itertools.product(range(3), FOLLOWED)
+        if (k, thing) != (1, 2400.0)
+    ]
+    every.sort(key=levels.level, reverse=True)
+    found = changed(levels, room, FOLLOWED, frames)
+    assert len(found) == 4
+    for one, other in zip(found, every, strict=False):
+        np.testing.assert_allclose(one.exposure, other.exposure)
+        np.testing.assert_allclose(one.velocity, other.velocity)
+
+
+def test_frames_follow_one_thing_after_the_other(levels, room):
+    """Each that by which the level gains most; then neighbours go the same way."""
+    count, times = 3, room.times
+    longest = times.window / count - times.dead_time
+    options = [_following(room, _frames(1, 1), 0, thing, longest) for thing in FOLLOWED]
+
+    def level(frames):
+        parts = [np.concatenate([getattr(x, name) for x in frames]) for name in Frames._fields[:4]]
+        return levels.level(Frames(*parts, np.zeros(1)))
+
+    chosen = []
+    for _ in range(count):
+        chosen.append(max(options, key=lambda one: level([*chosen, one])))
+    chosen.sort(key=lambda one: one.velocity[0, 0, 0])
+    found = one_by_one(levels, room, Shape(count, 1, 1), FOLLOWED)
+    np.testing.assert_allclose(found.velocity, [one.velocity[0] for one in chosen])
+    np.testing.assert_allclose(found.exposure, [one.exposure[0] for one in chosen])
+    assert found.velocity[0, 0, 0] != found.velocity[-1, 0, 0]
+    # Each begins where its way has room, and no frame ends too soon after the one before.
+    np.testing.assert_allclose(found.place, np.where(found.velocity[:, 0] < 0, room.length, 0.0))
+    np.testing.assert_allclose(
+        found.gap, np.maximum(times.period - found.exposure[1:], times.dead_time)
+    )
+
+
+def test_another_order_moves_whole_frames(room, monkeypatch):
+    """Lengths, velocities and places stay together; the times between them are the least."""
+    monkeypatch.setattr(frame_search, "_SHARES", (0.0, 0.0, 0.0))
+    frames = _frames(4, 1)
+    starts, orders = reordered(room), set()
+    for _ in range(20):
+        moved, same = starts(frames)
+        order = [int(np.argmin(np.abs(frames.exposure - x))) for x in moved.exposure]
+        orders.add(tuple(order))
+        for name in ("exposure", "velocity", "place"):
+            own = getattr(frames, name)
+            np.testing.assert_array_equal(getattr(moved, name), own[order])
+            np.testing.assert_array_equal(getattr(same, name), own)
+        gap = np.maximum(room.times.period - moved.exposure[1:], room.times.dead_time)
+        np.testing.assert_array_equal(moved.gap, gap)
+        np.testing.assert_array_equal(same.gap, frames.gap)
+    assert all(sorted(order) == [0, 1, 2, 3] for order in orders)
+    assert len(orders) > 4
+
+
+@pytest.mark.parametrize("kind", [SWEEP, BRACKETED, FREE])
+def test_slopes_of_a_descent_are_those_of_differences(kind, levels, room, monkeypatch):
+    """Of the level and of all limits, by numbers of a tie and by those of each frame."""
+    seen = {}
+
+    def climbed(error, start, bounds, limits, most):
+        seen.update(error=error, at=np.clip(start, *bounds.T), limits=limits, bounds=bounds)
+        return start
+
+    monkeypatch.setattr(frame_search, "_climbed", climbed)
+    monkeypatch.setattr(frame_search, "_nearest", lambda x, bounds, limits: x)
+    shape = Shape(3, 2, 1)
+    descent = Descent(levels, room, shape)
+    if kind == FREE:
+        end = descent.free(_frames(3, 2))
+        assert end is None  # their ways are no transfers
+    else:
+        tie = Tie(kind, room, shape, -700.0, 2400.0, np.ones(1), np.zeros(1))
+        end = descent.tied(tie, np.array([0.3, 0.6, 0.41, 0.2]))
+        assert end.kind == kind
+        assert end.level == pytest.approx(levels.level(end.frames))
+        assert -seen["error"](seen["at"])[0] == pytest.approx(end.level)
+    at, step = seen["at"], 1e-5
+    _, slope = seen["error"](at)
+    wanted, rows = [], []
+    for one in step * np.eye(at.size):
+        ends = [
+            (seen["error"](at + sign * one)[0], seen["limits"]["fun"](at + sign * one))
+            for sign in (1, -1)
+        ]
+        wanted.append((ends[0][0] - ends[1][0]) / (2 * step))
+        rows.append((ends[0][1] - ends[1][1]) / (2 * step))
+    np.testing.assert_allclose(slope, wanted, atol=1e-3 * np.max(np.abs(wanted)))
+    found, rows = seen["limits"]["jac"](at), np.array(rows).T
+    assert found.shape == rows.shape
+    # Limits have corners, at which one side differs from the other.
+    apart = np.abs(found - rows) > 1e-3 * (1 + np.abs(rows))
+    assert np.mean(apart) < 0.02
+
+
+def test_a_descent_keeps_to_its_limits():
+    """The best of a circle within a half plane, from within it and from beyond."""
+
+    def error(x):
+        return float(np.sum((x - 2) ** 2)), 2 * (x - 2)
+
+    limits = {
+        "type": "ineq",
+        "fun": lambda x: np.array([1.5 - x[0] - x[1]]),
+        "jac": lambda x: np.array([[-1.0, -1.0]]),
+    }
+    bounds = np.array([[-3.0, 3.0], [-3.0, 0.5]])
+    for start in ([-1.0, 0.2], [2.5, 0.4]):
+        end = frame_search._climbed(error, np.array(start), bounds, limits, 40)
+        end = frame_search._nearest(end, bounds, limits)
+        np.testing.assert_allclose(end, [1.0, 0.5], atol=1e-5)
+    near = frame_search._nearest(np.array([1.3, 0.5]), bounds, limits)
+    np.testing.assert_allclose(near, [1.15, 0.35], atol=1e-9)
+
+
+def test_frames_are_slowed_down_about_their_pan_and_no_more_than_is_needed(scene):
+    """By the share beyond a limit; those 5 % beyond it are none."""
+    frames = _frames(1, 1)._replace(place=np.full((1, 1), 11.0), pan=np.array([250.0]))
+    frames.velocity[0, :, 0] = -1900.0, 2300.0
+
+    def exposures_of(each):
+        return sequence_of(each, FREE)
+
+    taken = exposures_of(frames).use_within(LIMITS)
+    for over, is_far in ((1.04, False), (1.06, True), (0.97, False)):
+        limits = Limits(max_half_exposure=0.02, max_acceleration=float(taken.acceleration) / over)
+        found = frame_search.within(limits, frames, exposures_of)
+        assert (found is None) == is_far
+        if found is None:
+            continue
+        ends = np.asarray(found.along[0].motion.end_velocities)
+        slower = 1 / max(over, 1.0)
+        np.testing.assert_allclose(ends, 250 + (np.array([-1900, 2300]) - 250) * slower, rtol=1e-5)
+        assert found.share_of(limits) <= 1 + 1e-7
+
+
+@pytest.mark.parametrize(
+    ("levels_of", "tried"),
+    [
+        (lambda count: 30 + 0.1 * count, [16, 12]),
+        (lambda count: 30 - 0.1 * count, [16, 12, 8, 6, 4, 3, 2, 1]),
+        (lambda count: 30 - abs(count - 8), [16, 12, 8, 6]),
+        (lambda count: 30 + 0.0021 * count, [16, 12, 8, 6]),
+    ],
+)
+def test_ever_fewer_frames_are_tried_while_they_are_as_good(
+    levels_of, tried, levels, room, monkeypatch
+):
+    """At most four fifths of those before, until they are 0.02 dB below the best."""
+    seen, shares = [], []
+
+    def of_number(self, count):
+        seen.append(count)
+        return [None, End(FREE, _frames(1, 1), levels_of(count))]
+
+    monkeypatch.setattr(Search, "_of_number", of_number)
+    search = Search(levels, room, lambda shape: [], lambda count: 1, lambda count: (), False)
+    ends = search.ends([1, 2, 3, 4, 6, 8, 12, 16], shares.append)
+    assert seen == tried
+    assert [end.level for end in ends] == [levels_of(count) for count in tried]
+    np.testing.assert_allclose(shares, 1 - np.array(tried) / 17)
+
+
+# ---- levels of paths --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_levels_of_a_search_are_those_of_the_frames_that_are_made(pieces, levels):
+    """Along an axis, by nodes of the motions."""
+    frames = _frames(3, pieces)
+    instants = Instants.of(sequence_of(frames, FREE).frames, 2400.0)
+    np.testing.assert_allclose(
+        levels.errors_at(instants), levels.errors(frames), rtol=1e-4, atol=1e-9
+    )
+    assert levels.lost_untold(instants, instants) == pytest.approx(0, abs=1e-9)
+
+
+def test_a_decoder_that_is_not_told_the_way_loses_what_its_filters_leave(levels):
+    """By the filters written out, at the best whole pixel for each speed."""
+    told, seen = (
+        Instants.of(sequence_of(_frames(2, 1, seed=k), FREE).frames, 2400.0) for k in (3, 4)
+    )
+    told = told._replace(place=told.place / 8)
+    seen = seen._replace(place=seen.place / 8 + 3)
+
+    def waves(each, f, temporal):
+        ways = -2j * np.pi * (f * each.place[0] - temporal * each.time)
+        return np.sum(each.weight * np.exp(ways), axis=1)
+
+    length = np.asarray(told.exposure)
+    electrons = 1.1e5 * length
+    gain = electrons**2 / (0.25 * electrons + 36.0)
+    some, over, shifts = range(0, levels.signal.size, 7), 0.0, np.arange(-20, 21)
+    least = np.zeros((levels.temporal.shape[1], shifts.size))
+    part = levels._replace(
+        **{
+            name: getattr(levels, name)[::7]
+            for name in ("frequency", "temporal", "weight", "signal")
+        }
+    )
+    for m in some:
+        f, power = levels.frequency[m, 0], levels.signal[m]
+        for k, temporal in enumerate(levels.temporal[m]):
+            mine, truth = waves(told, f, temporal), waves(seen, f, temporal)
+            whole = 1 + power * np.sum(gain * np.abs(mine) ** 2)
+            filters = power * gain * mine.conj() / whole
+            noise = np.sum(np.abs(filters) ** 2 / gain) / power
+            passed = np.sum(filters * truth) * np.exp(2j * np.pi * f * shifts)
+            least[k] += levels.weight[m, k] * (np.abs(1 - passed) ** 2 + noise)
+            over += levels.weight[m, k] / whole
+    assert np.any(np.argmin(least, axis=1) != 20)
+    wanted = 10 * np.log10(np.sum(np.min(least, axis=1)) / over)
+    assert wanted > 0.5
+    assert part.lost_untold(told, seen) == pytest.approx(wanted, rel=1e-6)
+
+
+PLANE = {
+    "max_stroke": 40.0,
+    "max_half_exposure": 0.01,
+    "max_acceleration": 9e5,
+    "max_top_speed": 2900.0,
+}
+
+
+def _plane_search(**others):
+    law = EvenVelocities(1700.0, 1100.0, angle=0.3, mean=[200.0, -90.0])
+    burst = BurstMode(frames_per_s=90.0, window=0.05, max_frames=4)
+    light = {"photon_rate": 3e4, "read_noise": 9.0, "burst": burst}
+    scene = Scene.any_direction(law, limits=Limits(**(PLANE | others)), **light)
+    return plane_frames._PlaneSearch.of(scene)
+
+
+@pytest.mark.parametrize("pans", ["stage", "camera"])
+@pytest.mark.parametrize("axes", ["each", "disc"])
+def test_a_path_in_the_plane_leads_through_the_places_of_its_frames(axes, pans):
+    """At their velocities, within the limits between them; its level is that of the search."""
+    search = _plane_search(axes=axes, pans=pans)
+    stage = search.stage(2)
+    tie = stage._tie(TWO_SINES, Shape(3, 5, 2))
+    frames = tie.frames(np.array([0.6, 0.5, 0.5, 0.35, 0.3, 0.2]))
+    # Somewhat aside, so that the ways between them have a coast.
+    frames = frames._replace(place=frames.place + np.array([[0.0, 0.0], [1.1, -0.7], [0.3, 0.4]]))
+    path = stage.made(frames)
+    turned = search.offset
+    assert (np.hypot(*turned) > 0) == (pans == "camera")
+    begins, ends = path.times - path.exposures / 2, path.times + path.exposures / 2
+    np.testing.assert_allclose(path.exposures, frames.exposure)
+    np.testing.assert_allclose(begins[1:] - ends[:-1], frames.gap)
+    assert begins[0] == pytest.approx(-ends[-1])
+    # In the camera's frame the stage is at its places, and has its velocities.
+    of_stage = path.place(begins).T - np.outer(begins - begins[0], turned)
+    np.testing.assert_allclose(of_stage, frames.place - frames.place[0], atol=1e-9)
+    step = 1e-7
+    slopes = (path.place(begins + 2 * step) - path.place(begins + step)).T / step - turned
+    np.testing.assert_allclose(slopes, frames.velocity[:, 0], atol=1.0)
+    slopes = (path.place(ends - step) - path.place(ends - 2 * step)).T / step - turned
+    np.testing.assert_allclose(slopes, frames.velocity[:, -1], atol=1.0)
+    between = np.diff(path.velocities) / np.where(path.durations > 0, path.durations, np.inf)
+    outside = np.array(
+        [not np.any((begins <= t) & (t <= ends)) for t in (path.bends[1:] + path.bends[:-1]) / 2]
+    )
+    size = np.linalg.norm(between, 2 if axes == "disc" else math.inf, axis=0)[outside]
+    assert size.size > 2
+    assert np.max(size) <= 9e5 * (1 + 1e-6)
+    seen = Instants.of(path, search.law.fastest)
+    of_stage = seen._replace(place=seen.place - turned[:, None, None] * seen.time)
+    errors = stage.levels.errors(frames)
+    np.testing.assert_allclose(stage.levels.errors_at(of_stage), errors, rtol=1e-3, atol=1e-9)
