@@ -1,0 +1,239 @@
+"""What commands print, note and write of an answer, without computing one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.bad_drives import HALF_MS, STEPS, table, trace
+from support.bursts import a_burst_design
+from support.command_line import SMALL_SCENE
+from support.designs import MOTION
+from support.drive import a_design
+from support.plane import a_plane_design
+
+from mishutter import (
+    HannShutter,
+    Limits,
+    LinearMotion,
+    Scene,
+    Sensor,
+    StillCamera,
+)
+from mishutter.cli import camera, export, restore_command
+from mishutter.cli.laboratory import CameraFiles, cameras
+from mishutter.decoding.decoders.speed import SpeedEstimate
+from mishutter.decoding.frame_velocity import VelocityEstimate
+from mishutter.decoding.objects.restored import FoundObject
+from mishutter.decoding.sequences import RestoredFrames
+
+COVARIANCE = np.array([[130.0, -60.0], [-60.0, 70.0]])
+"""Of which the longer half axis is 13.1 px/s."""
+
+
+def a_speed(**others):
+    speeds = np.array([-300.0, 431.6])
+    given = {"doubt": "", "misfit": 1.07} | others
+    return SpeedEstimate(431.6, 12.3, True, speeds, np.array([0.2, 0.8]), **given)
+
+
+def a_velocity(trusted=True, doubt=""):
+    velocity = np.array([431.6, -1208.2])
+    return VelocityEstimate(velocity, COVARIANCE, trusted, velocity[None], np.ones(1), doubt, 1.07)
+
+
+def test_a_speed_is_told_with_its_error_and_trust():
+    """Of one axis and of two, found or told; where nothing is told, for all speeds."""
+    told = a_speed()._replace(error=0.0)
+    nothing = a_speed()._replace(weights=np.array([0.5, 0.5]))
+    doubted = a_velocity(False, "two fit")
+    for estimate, in_burst, words in (
+        (a_speed(), False, ("432 +- 12", "trusted")),
+        (told, False, ("432, as told", "trusted")),
+        (nothing, False, ("none", "restored for all speeds of the scene")),
+        (a_velocity(), True, ("432, -1,208 +- 13", "trusted")),
+        (doubted, True, ("432, -1,208 +- 13", "not trusted: restored for this speed anyway")),
+        (
+            a_speed()._replace(trusted=False),
+            False,
+            ("432 +- 12", "not trusted: restored for all likely speeds"),
+        ),
+    ):
+        assert camera.speed_found(estimate, in_burst=in_burst) == words
+    trust = {"trusted": True, "doubt": "", "misfit": 1.07}
+    own = {"speed_px_per_s": 431.6, "error_px_per_s": 12.3}
+    assert camera.estimate_document(a_speed()) == own | trust
+    assert camera.estimate_document(nothing) == dict.fromkeys(own) | trust
+    document = camera.estimate_document(doubted)
+    assert document["velocity_px_per_s"] == [431.6, -1208.2]
+    assert document["covariance_px2_per_s2"] == COVARIANCE.tolist()
+    greatest = np.sqrt(np.linalg.eigvalsh(COVARIANCE)[1])
+    assert document["error_px_per_s"] == pytest.approx(greatest)
+    assert (document["trusted"], document["doubt"]) == (False, "two fit")
+
+
+def test_objects_are_told_along_rows_and_columns(capsys):
+    """With error, size and trust, in a table and a document; none is said in a line."""
+    objects = (
+        FoundObject(np.array([431.6, -12.0]), COVARIANCE, 431.6, 1210.0, (40.0, 71.5), True, ""),
+        FoundObject(
+            np.array([-90.0, 3.5]), np.zeros((2, 2)), -90.0, 640.0, (9.0, 8.0), False, "dim"
+        ),
+    )
+    light = np.zeros((4, 5, 1))
+    found = RestoredFrames(light, None)
+    found.objects = objects
+    camera.print_objects(found)
+    rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "1 431.6, -12 +- 13 1,210 trusted" in rows
+    assert "2 -90, 3.5 +- 0 640 not trusted: dim" in rows
+    first, second = camera.objects_document(found)["objects"]
+    assert first["velocity_px_per_s"] == [431.6, -12.0]
+    assert first["error_px_per_s"] == pytest.approx(np.sqrt(np.linalg.eigvalsh(COVARIANCE)[1]))
+    assert (first["area_px"], first["place_px"]) == (1210.0, [40.0, 71.5])
+    assert (second["speed_px_per_s"], second["trusted"], second["doubt"]) == (-90.0, False, "dim")
+    camera.print_objects(RestoredFrames(light, None))
+    assert "no object moves" in capsys.readouterr().err
+    camera.print_objects(None)
+    assert camera.objects_document(None) == {}
+    assert "".join(capsys.readouterr()) == ""
+
+
+def test_a_velocity_outside_those_of_the_scene_asks_for_its_unit(capsys):
+    """By its size, in whatever direction."""
+    scene = a_plane_design().scene
+    fastest = float(scene.max_speed)
+    camera._warn_beyond(scene, (-0.6 * fastest, 0.79 * fastest))
+    assert capsys.readouterr().err == ""
+    camera._warn_beyond(scene, (-0.7 * fastest, 0.8 * fastest))
+    size = fastest * np.hypot(0.7, 0.8)
+    assert f"--speed is {size:,.5g} px/s in all; the scene's go up to" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("readout", [None, 2e-3])
+def test_a_global_shutter_is_assumed_where_rows_would_change_the_speed(readout, capsys):
+    """Of things that go along columns, by the square of their speed; in the plane by the part."""
+    for axis, found, words in (
+        ("rows", a_speed(), None),
+        ("columns", a_speed(), f"speed by {431.6**2 * 1e-5:.2g} px/s"),
+        ("columns", a_speed()._replace(speed=60.0), None),
+        (
+            "rows",
+            a_velocity(),
+            f"velocity by {np.hypot(431.6, 1208.2) * 1208.2 * 1e-5:.2g} px/s",
+        ),
+    ):
+        sensor = Sensor(axis=axis, readout=readout)
+        scene = Scene([-300.0, 500.0], photon_rate=1e5, read_noise=3.0, sensor=sensor)
+        restore_command._note_shutter(scene, found)
+        err = " ".join(capsys.readouterr().err.split())
+        assert (words is not None and readout is None) == ("global shutter" in err)
+        if words is not None and readout is None:
+            assert words in err
+
+
+def test_files_of_a_camera_stand_for_its_parts(tmp_path, capsys):
+    """The drive table's motion is that of the trace; numbers of each reach what they are of."""
+    (tmp_path / "scene.toml").write_text(SMALL_SCENE)
+    a_design(HannShutter()).save(tmp_path / "design.json")
+    np.save(tmp_path / "drive.npy", np.array([[-1.0, 0.5, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
+    (tmp_path / "trace.csv").write_text(trace(lambda time, level: (time + 3, 5 - level)))
+    files = CameraFiles(
+        drive=tmp_path / "drive.npy",
+        measured=tmp_path / "trace.csv",
+        exposure_ms=2 * HALF_MS,
+        position_scale_px=7.0,
+        floor=0.1,
+        ceiling=0.8,
+        middle_ms=3.0,
+        closed=4.7,
+        opened=2.7,
+    )
+    found = cameras(None, tmp_path / "design.json", files)
+    assert list(found.designs) == ["as designed", "as driven", "as measured"]
+    driven, measured = found.designs["as driven"], found.designs["as measured"]
+    steps = np.asarray(driven.command.transmittances)
+    np.testing.assert_allclose(steps, 0.1 + 0.7 * np.array([0, 0.75, 1, 0.5]))
+    assert float(measured.motion.half_exposure) == pytest.approx(HALF_MS / 1e3)
+    assert float(measured.motion.acceleration) == float(driven.motion.acceleration) == 0
+    tau = np.linspace(-0.95, 0.95, 21)
+    hann = np.cos(np.pi * tau / 2) ** 2
+    np.testing.assert_allclose(measured.command.transmittance(tau), hann, atol=0.01)
+    assert "Measured by trace.csv" in measured.ending
+    assert found.trace.time.size == 241
+    assert found.profile.closed == 4.7
+    odd = CameraFiles(measured=tmp_path / "trace.csv", middle_ms=3.0)
+    capsys.readouterr()
+    alone = cameras(None, tmp_path / "design.json", odd).designs["as measured"]
+    assert "trace.csv: it falls where the shutter opens" in capsys.readouterr().err
+    assert float(alone.motion.acceleration) == float(MOTION.acceleration)
+    a_plane_design().save(tmp_path / "plane.json")
+    with pytest.raises(ValueError, match="--drive` must be left out for a design in the plane"):
+        cameras(None, tmp_path / "plane.json", CameraFiles(drive=tmp_path / "drive.npy"))
+    with pytest.raises(ValueError, match="--measured` must be left out for a design in the plane"):
+        cameras(None, tmp_path / "plane.json", CameraFiles(measured=tmp_path / "trace.csv"))
+    assert list(cameras(None, tmp_path / "plane.json", CameraFiles()).designs) == ["as designed"]
+    assert len(table().splitlines()) == STEPS + 2
+
+
+def test_why_a_design_has_no_path_is_said():
+    """Of a sensor at rest, of a camera that pans, and of a stage that does without a limit."""
+    still = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
+    assert export._without_path(still) == "the sensor stays at rest"
+    panning = replace(still, motion=LinearMotion(half_exposure=0.01, velocity=-312.5))
+    assert "the stage pans at -312.5 px/s, and no limit" in export._without_path(panning)
+    scene = Scene([-300.0], photon_rate=1e5, read_noise=3.0, limits=Limits(pans="camera"))
+    words = export._without_path(replace(panning, scene=scene))
+    assert words == "the stage stays at rest while the camera pans at -312.5 px/s"
+
+
+def test_losses_of_a_drive_stand_beside_the_design(capsys):
+    """Those of the design first, as driven, and of a stage that is sent its path itself."""
+    document = {
+        "decoder_speed": "unknown",
+        "level": [0, 1, 2],
+        "num_levels": 5,
+    }
+    for index, key in enumerate(("metrics_of_design", "metrics", "metrics_of_blind_stage")):
+        document[key] = {
+            "psnr_of_decoder": 30.25 - index,
+            "condition_number": 7.5 + index,
+            "relative_kernel_difference": 0.125 * (1 + index),
+            "efficiency": 0.5 - 0.125 * index,
+        }
+    export._print_losses(document)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert lines[0] == ["3", "steps,", "5", "levels"]
+    assert [row[-3:] for row in lines if row[0] in ("expected", "condition", "efficiency")] == [
+        ["30.25", "29.25", "28.25"],
+        ["7.5", "8.5", "9.5"],
+        ["0.5", "0.375", "0.25"],
+    ]
+
+
+def test_frames_are_told_by_their_middles(capsys):
+    """Mid-exposure, exposure and place of each, of one axis and of two."""
+    from mishutter import frame_table
+
+    for made in (a_burst_design, a_plane_design):
+        found = frame_table(made())
+        export._print_frames(found)
+        rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+        exposures = np.asarray(found.exposures.exposures)
+        for k, (time, exposure) in enumerate(zip(found.exposures.times, exposures, strict=True)):
+            places = [f"{row[k]:.2f}" for row in found.places.values()]
+            wanted = [str(k + 1), f"{1e3 * float(time):.2f}", f"{1e3 * exposure:.3g}", *places]
+            assert wanted in rows
+
+
+def test_a_photograph_has_its_quality_in_both_codings():
+    """Linear and gamma-coded, of what was restored against what was photographed."""
+    from mishutter import Picture, psnr
+
+    light = np.full((4, 9, 1), 0.25, np.float32)
+    found = camera._quality(Picture(light), light + 0.05)
+    assert [*found] == ["PSNR / dB, linear light", "PSNR / dB, gamma-coded"]
+    linear, coded = found.values()
+    assert linear == pytest.approx(-20 * np.log10(0.05), abs=1e-3)
+    apart = 0.3 ** (1 / 2.2) - 0.25 ** (1 / 2.2)
+    assert coded == pytest.approx(-20 * np.log10(apart), abs=1e-3)
+    assert linear == pytest.approx(float(psnr(light, light + 0.05)))
