@@ -316,7 +316,8 @@ def _unlike_rest(
         count[inside] += is_known
     mean = np.zeros(mask.shape)
     mean[mask] = np.where(count > 0, total / np.maximum(count, 1), ROBUST)
-    own = mask & (ndimage.gaussian_filter(mean, 1.0) > 2)
+    # Both Gaussians, the frames' own and this one, blur the edge: the outline is half-way up it.
+    own = mask & (ndimage.gaussian_filter(mean, 1.0) > ROBUST / 2)
     return np.asarray(ndimage.binary_fill_holes(own), bool)
 
 
@@ -384,7 +385,7 @@ def _is_same(one: MovingObject, other: MovingObject) -> bool:
     time = other.frame - one.frame
     way = np.array(one.centre) + v * time - np.array(other.centre)
     size = np.sqrt(max(one.area, other.area))
-    return time != 0 and apart < 2 * SEPARATE and bool(np.hypot(*way) < size)
+    return time != 0 and bool(apart < 2 * SEPARATE and np.hypot(*way) < size)
 
 
 def _in_seconds(each: MovingObject, unit: float, scale: int, first: int) -> MovingObject:
