@@ -1,9 +1,13 @@
 """What commands print, note and write of an answer, without computing one."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray
 from support.bad_drives import HALF_MS, STEPS, table, trace
 from support.bursts import a_burst_design
 from support.command_line import SMALL_SCENE
@@ -12,6 +16,8 @@ from support.drive import a_design
 from support.plane import a_plane_design
 
 from mishutter import (
+    BurstMode,
+    FreeMotion,
     HannShutter,
     Limits,
     LinearMotion,
@@ -19,12 +25,22 @@ from mishutter import (
     Sensor,
     StillCamera,
 )
-from mishutter.cli import camera, export, restore_command
+from mishutter._core.files import ONE_EXPOSURE
+from mishutter.cli import (
+    app,
+    camera,
+    export,
+    plane_command,
+    restore_command,
+    sweep_command,
+    tables,
+)
 from mishutter.cli.laboratory import CameraFiles, cameras
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.frame_velocity import VelocityEstimate
 from mishutter.decoding.objects.restored import FoundObject
 from mishutter.decoding.sequences import RestoredFrames
+from mishutter.evaluation.metrics import METRICS
 
 COVARIANCE = np.array([[130.0, -60.0], [-60.0, 70.0]])
 """Of which the longer half axis is 13.1 px/s."""
@@ -237,3 +253,120 @@ def test_a_photograph_has_its_quality_in_both_codings():
     apart = 0.3 ** (1 / 2.2) - 0.25 ** (1 / 2.2)
     assert coded == pytest.approx(-20 * np.log10(apart), abs=1e-3)
     assert linear == pytest.approx(float(psnr(light, light + 0.05)))
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_the_best_of_a_sweep_is_told_in_whole_exposures(as_json, monkeypatch, capsys):
+    """Beside the best snapshot, and how many points are within the limits."""
+    scene = Scene([410.0], photon_rate=1e5, read_noise=3.0, limits=Limits(max_stroke=90.0))
+    numbers = {name: 0.5 for name in (*METRICS, "over_snapshot", "over_hann")}
+    place = {"shutter": "rect", "acceleration": 2.1e5, "half_exposure": 9.75e-3, "velocity": 60.0}
+    point = xarray.Dataset(numbers, place).assign_coords(at_end_of="half_exposure")
+    corner = ("row", "column")
+    snapshot = {"expected_psnr": 27.25, "half_exposure": 3.5e-3, "velocity": -120.0}
+    found = xarray.Dataset({name: (corner, [[x]]) for name, x in snapshot.items()})
+    gain = xarray.DataArray([0.0, 1.0, 2.0], dims="point")
+    made = {
+        "best_points": lambda gains: {"expected_psnr": point},
+        "best_snapshots": lambda *_, **__: found,
+        "gain_over": lambda *_: gain,
+        "gain_over_snapshot": lambda *_: gain,
+        "level_of": lambda *_: "expected_psnr",
+    }
+    for name, function in made.items():
+        monkeypatch.setattr(f"mishutter.sweeps.trade_offs.{name}", function)
+    dataset = xarray.Dataset({"outside": ("point", [0, 2, 0])})
+    sweep_command._deliver(dataset, scene, None, as_json)
+    out = capsys.readouterr().out
+    if not as_json:
+        assert "Best points of the sweep (* at an end of its range)" in out
+        assert "19.5*" in out
+        return
+    document = json.loads(out)
+    assert (document["num_points"], document["num_within_limits"]) == (3, 2)
+    assert document["best_snapshot"] == {
+        "expected_psnr": 27.25,
+        "exposure_ms": 7.0,
+        "half_exposure_ms": 3.5,
+        "velocity_px_per_s": -120.0,
+    }
+    best = document["best"]["expected_psnr"]
+    assert (best["exposure_ms"], best["half_exposure_ms"]) == pytest.approx((19.5, 9.75))
+    assert best["stage_acceleration_px_per_s2"] == 2 * best["acceleration_px_per_s2"] == 4.2e5
+
+
+def test_an_interrupt_after_the_search_names_its_design(tmp_path):
+    """And the scene, as a shell takes them; without a folder, how to keep it."""
+    assert "with --out DIR the design is saved" in app._after_search(None, None)
+    folder = tmp_path / "two words"
+    words = f"`mishutter compare my.toml --design '{folder / ONE_EXPOSURE}'` continues from it"
+    assert words in app._after_search(Path("my.toml"), folder)
+    assert "compare --design" in app._after_search(None, folder)
+
+
+def test_the_whole_table_says_how_the_search_ended(capsys):
+    """Of a parabola by its acceleration, of a free path by the greatest, and what is full."""
+    for motion, words in (
+        (MOTION.panned(-30.5), "Stage 440000 px/s^2, v = -30.5 px/s, open for 20 ms."),
+        (
+            FreeMotion(accelerations=[3e5, 1e5], half_exposure=0.008),
+            "Stage at most 600000 px/s^2, v = 0 px/s, open for 16 ms.",
+        ),
+    ):
+        design = replace(a_design(HannShutter()), motion=motion)
+        table = SimpleNamespace(
+            title="Rows", columns=["name", "dB"], rows=[["a", "1"]], notes=["n"]
+        )
+        comparison = SimpleNamespace(
+            text=lambda: "The answer.", details=[], tables=[table], rows=[]
+        )
+        measured = SimpleNamespace(lines=lambda: ["As measured: 26.38 dB."])
+        report = SimpleNamespace(
+            comparison=comparison, measured=measured, design=design, scene=design.scene
+        )
+        tables.print_comparison(report, verbose=True, next_step="go on")
+        out = capsys.readouterr().out
+        for said in ("The answer.", "As measured: 26.38 dB.", "Next: go on", words):
+            assert said in out
+        assert "Loss 0.3 (0.3 at the best start), gradient 1.0e-09." in out
+        tables.print_comparison(report)
+        assert "Stage" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_photographs_stand_beside_what_was_expected(count, capsys):
+    """At each speed, of one decoder; of several, their means over speeds."""
+    speeds, linear = np.array([-300.0, 500.0]), np.array([27.25, 28.75])
+    result = SimpleNamespace(
+        speeds=speeds, linear_psnr=linear, own_expected_psnr=linear + 1.5, mean_psnr=27.93
+    )
+    decoders = ["ensemble", "wiener"][:count]
+    tables.print_photographs({name: {"hann": result} for name in decoders})
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    own = ["27.25", "28.75", "28.75", "30.25"] if count == 1 else ["27.93", "27.93"]
+    assert ["hann", *own] in lines
+
+
+@pytest.mark.parametrize(
+    ("burst", "line"),
+    [
+        (None, r"`\[burst\]` must be given for things in any direction"),
+        ({"frames_per_s": 55.0, "max_frames": 1}, "max_frames` must be at least 2"),
+        (
+            {"frames_per_s": 55.0, "window": 0.012},
+            r"window_ms` must be at least 1\d\.\d+, in which",
+        ),
+    ],
+)
+def test_things_in_any_direction_need_time_for_two_frames(burst, line):
+    """Unless the decoder is told the velocity, or the burst has the time."""
+    scene = a_plane_design().scene
+    bare = replace(scene, burst=None if burst is None else BurstMode(**burst))
+    known = replace(bare, decoder_speed="known")
+    plane_command._require_frames(known)
+    plane_command._require_frames(replace(scene, burst=BurstMode(frames_per_s=55.0, window=0.08)))
+    with pytest.raises(ValueError, match=line):
+        plane_command._require_frames(bare)
+    plane_command.refuse_in_plane({"--free": None, "--loss": False})
+    with pytest.raises(ValueError, match="`--loss` must be left out for things that move in any"):
+        plane_command.refuse_in_plane({"--free": None, "--loss": "design"})
