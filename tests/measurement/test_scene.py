@@ -239,16 +239,17 @@ def test_errors_stand_where_answers_read_them(measurement, tmp_path):
     ("level", "contrast", "expected"), [(0.01, 0.0, True), (0.01, 0.08, False), (0.2, 0.0, False)]
 )
 def test_a_background_is_empty_if_it_is_dark_and_shows_nothing(level, contrast, expected):
-    """Beside a thing of 0.3 of white and a contrast of 0.1, in the noise of 400 levels."""
+    """Beside a thing of 0.3 of white and a contrast of 0.1, in the noise of four frames."""
     random, shape = np.random.default_rng(8), (96, 128)
     rows, columns = np.indices(shape)
     thing = np.hypot(rows - 44, columns - 60) < 26
     detail = ndimage.gaussian_filter(random.normal(size=shape), 1.5)
     detail *= np.where(thing, 0.1, contrast) / detail.std()
     light = np.where(thing, 0.3, level) + detail
-    levels = 50 + 1000 * light + 20 * random.normal(size=shape)
-    law = Law(dark=400.0, gain=0.0, floor=1.0)
-    assert is_empty(Averaged(levels, np.ones(shape)), ~thing, law, 50.0) is expected
+    levels = 50 + 1000 * light + 40 / 2 * random.normal(size=shape)
+    law = Law(dark=1600.0, gain=0.0, floor=1.0)
+    picture = Averaged(levels, np.full(shape, 4.0))
+    assert is_empty(picture, ~thing, law, 50.0) is expected
 
 
 def test_before_an_empty_background_the_scene_is_of_what_moves(measurement, monkeypatch):
