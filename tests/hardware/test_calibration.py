@@ -1,5 +1,6 @@
 """The steps of a fit of a camera, each against a sum or a formula of its own."""
 
+from dataclasses import replace
 from functools import cache
 
 import jax.numpy as jnp
@@ -11,8 +12,13 @@ from scipy.special import erf
 from scipy.stats import chi2
 from support.laboratory import COMMAND, HALF, PROFILE, SENT, centred, expected
 
-from mishutter import ParabolicMotion, SensorLevels, TargetPicture
-from mishutter.hardware.calibration.estimation import _camera
+from mishutter import Limits, ParabolicMotion, SensorLevels, TargetPicture
+from mishutter.hardware.calibration.estimation import (
+    _camera,
+    _limits_with,
+    _measurements,
+    _sentences,
+)
 from mishutter.hardware.calibration.likelihood import (
     Setting,
     Solution,
@@ -306,3 +312,106 @@ def test_what_a_picture_says_of_the_noise_of_its_rows():
     for is_rounded in (False, True):
         wanted = np.array([0, 0, 400]) / 2.5 + (4 / 2.5) ** 2 + is_rounded / 12
         np.testing.assert_allclose(sensor.variance(level, is_rounded), wanted)
+
+
+def test_a_speed_that_no_picture_is_told_is_found_beside_the_velocity():
+    """One is as sent, the sign of the other is open without a trace, and neither has an error."""
+    given = tuple(replace(picture, speed=None) for _, picture in pictures())
+    setting = Setting.of(Measurements(given, SENSOR), PANNED, COMMAND, COUNT)
+    names, (rows, aims) = setting.names, setting.pins
+    pinned = [names[int(np.argmax(np.abs(row)))] for row in rows[np.sum(rows != 0, axis=1) == 1]]
+    assert pinned == ["velocity", "swing of the trace", "dark of the trace"]
+    top = float(SENT.top_speed)
+    assert aims[0] / rows[0, 1] * setting.arrays.scales[1] == pytest.approx(-350.0)
+    assert setting.arrays.scales[1] == setting.arrays.scales[2] == pytest.approx(top)
+    said = [note.partition(":")[0] for note in setting.notes]
+    assert said[:2] == ["velocity and speed apart", "sign of the speed"]
+    values = setting.start(setting.coefficients, 0.3)
+    assert values[2] == 0.3
+    count = values.size
+    expected = np.array(setting.profiles)
+    solution = Solution(0.0, values, np.zeros(0), np.zeros((0, count)), expected, expected)
+    errors = np.linspace(0.01, 0.02, count)
+    camera = _camera(setting, solution, errors, 2e-5, np.zeros((0, count)))
+    assert camera.estimates["velocity_px_per_s"].error == np.inf
+    assert camera.estimates["delay_ms"].error == np.inf
+    assert camera.estimates["speed_px_per_s"] == pytest.approx((0.3 * top, errors[2] * top))
+
+
+def test_what_is_seen_of_a_profile_is_said():
+    """Combinations of its coefficients alone are counted; odd ones leave the even part seen."""
+    names = ("a", "b", *(f"transmittance {k}" for k in range(4)), *(f"x{k}" for k in range(3)))
+    names = ("acceleration", "velocity", "speed", "lens blur", *names[2:])
+    is_blind = np.zeros(len(names), bool)
+    is_blind[[1, 4, 7, 9]] = True
+    odd = np.zeros((2, len(names)))
+    odd[0, 4:8] = np.array([1, 0, 0, -1]) / np.sqrt(2)
+    odd[1, 4:8] = np.array([0, 1, -1, 0]) / np.sqrt(2)
+    found = _sentences(is_blind, odd, names, 4)
+    assert found[:2] == [
+        "velocity: not determined by the measurements",
+        "x1: not determined by the measurements",
+    ]
+    (said,) = found[2:]
+    assert said.startswith("transmittance: 2 combinations of the coefficients 0, 3")
+    assert said.endswith(", only w(t) + w(-t) is seen")
+    mixed = odd.copy()
+    mixed[0, 4:8] = [0.5, 0.5, 0.5, 0.5]
+    mixed[1] = 0
+    mixed[1, [0, 5]] = 0.8, 0.6  # beside the stage, which is no combination of the profile alone
+    (said,) = _sentences(is_blind, mixed, names, 4)[2:]
+    assert said == "transmittance: 1 combinations of the coefficients 0, 3"
+    is_blind[4:8] = False
+    assert len(_sentences(is_blind, odd, names, 4)) == 2
+
+
+def test_limits_hold_a_camera_as_it_was_built():
+    """Those below what it does are widened to it, by name, and no others."""
+    motion = ParabolicMotion(acceleration=3e5, half_exposure=HALF, velocity=-240.0)
+    tight = Limits(
+        max_stroke=20.0,
+        max_top_speed=5e3,
+        max_pan=100.0,
+        max_travel=30.0,
+        max_acceleration=5e5,
+        max_jerk=1e9,
+        max_half_exposure=0.5 * HALF,
+    )
+    wide, names = _limits_with(tight, motion)
+    assert set(names) == {
+        *("max_stroke", "max_top_speed", "max_pan", "max_travel"),
+        *("max_acceleration", "max_half_exposure"),
+    }
+    assert float(wide.max_jerk) == 1e9
+    uses = wide.demands(motion)
+    assert all(use.is_met(1e-9) for use in uses.values())
+    assert float(wide.max_acceleration) == pytest.approx(6e5)
+    assert float(wide.max_pan) == pytest.approx(240)
+    assert float(wide.max_stroke) == pytest.approx(float(uses["stroke"].taken))
+    wider, names = _limits_with(wide, motion)
+    assert names == []
+    for name in ("max_stroke", "max_top_speed", "max_travel"):
+        assert float(getattr(wider, name)) == float(getattr(wide, name))
+
+
+def test_targets_along_columns_are_those_along_rows_exchanged():
+    """With as many rows that show the same; a point may not go beyond its ends."""
+    levels = np.random.default_rng(3).integers(0, 9, (3, 20)) + 60.0
+    levels[:, 8:12] += 4000
+    along = TargetPicture(levels, "point", 0.0)
+    turned = TargetPicture(levels.T, "point", 0.0, axis="columns")
+    np.testing.assert_array_equal(turned.levels, along.levels)
+    np.testing.assert_allclose(along.profile(SENSOR), levels.mean(axis=0))
+    assert along.is_rounded
+    assert not replace(along, levels=levels + 0.25).is_rounded
+    with pytest.raises(ValueError, match="have at least 16 rows"):
+        TargetPicture(levels[:, :15].T, "point", 0.0, axis="columns")
+
+
+def test_a_trace_beside_pictures_is_the_fits_own():
+    """A pair of rows, and a sensor without a number where none is told."""
+    given = [picture for _, picture in pictures()]
+    found = _measurements(given, None, ([0.0, 1.0, 2.0], [0.0, 3.0, 1.0]))
+    assert found.sensor == SensorLevels()
+    np.testing.assert_array_equal(found.trace.level, [0, 3, 1])
+    assert _measurements(given, SENSOR, None).sensor is SENSOR

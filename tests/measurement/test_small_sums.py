@@ -16,18 +16,30 @@ from mishutter.measurement.motion import (
     _leap,
     read_in_turn,
 )
-from mishutter.measurement.noise import _gain_of, _others, _read_of
+from mishutter.measurement.noise import _black_of, _gain_of, _of_one_dark, _others, _read_of
 from mishutter.measurement.photon_transfer import (
     Blocks,
     Law,
+    Transfer,
     _dead,
+    _first_law,
     _Sums,
     blocks_of,
     pairs_of,
+    rough_law,
     transfer_of,
 )
 from mishutter.measurement.scene import _quantile, along_axis
-from mishutter.measurement.steady import Steady, _moves, _of_one_exposure, _robust_line
+from mishutter.measurement.signs import _leap as _leap_of_variance
+from mishutter.measurement.signs import too_narrow
+from mishutter.measurement.steady import (
+    Steady,
+    _moves,
+    _of_one_exposure,
+    _robust_line,
+    bands_of_light,
+    means,
+)
 from mishutter.measurement.texture import averaged, is_mosaic
 from mishutter.pictures.registration.sweep import Sweep
 
@@ -377,3 +389,89 @@ def test_stripes_along_one_axis_are_no_mosaic():
     assert not is_mosaic(light + stripes)
     assert not is_mosaic((light + stripes).T)
     assert is_mosaic(light + stripes + 30 * (np.arange(130) % 2))
+
+
+def test_one_dark_frame_is_taken_where_it_tells_more():
+    """With a tenth of its noise for what may be fixed, less that of rounding, in electrons."""
+    random = np.random.default_rng(3)
+    dark = np.rint(64 + 6 * random.normal(size=(300, 320)))
+    gain = Estimate(2.0, 0.06)
+    found, source = _of_one_dark(dark, Estimate(3.4, 0.9), 1.0, gain)
+    assert found.value == pytest.approx(3, abs=0.03)
+    assert found.error == pytest.approx(found.value * np.hypot(0.1, 0.03))
+    assert "one dark frame" in source
+    clip = Estimate(3.1, 0.2)
+    assert _of_one_dark(dark, clip, 1.0, gain) == (clip, "")
+
+
+def test_levels_tell_a_slope_from_twice_the_darkest_on():
+    """Above black; dark frames or flat fields tell it of any levels."""
+    for low, high, black, is_narrow in (
+        (100, 190, None, True),
+        (100, 230, None, False),
+        (150, 230, 100.0, False),
+        (150, 190, 100.0, True),
+    ):
+        blocks = replace(some_blocks(), mean=np.linspace(low, high, 900))
+        rest = np.ones((1, 1, 900), bool)
+        transfer = Transfer(
+            Law(1.0, 1.0, 0.1), blocks, blocks, 1.0, np.zeros((2, 2)), Estimate(0.0, 1.0), rest
+        )
+        assert (too_narrow(transfer, black, has_others=False) is not None) == is_narrow
+        assert too_narrow(transfer, black, has_others=True) is None
+
+
+def test_a_variance_leaps_where_it_does():
+    """At the bin that both parts share, to a line that goes on as steeply above it."""
+    level = np.linspace(100, 1600, 16)
+    variance = 20 + 0.5 * level + 90 * (level > 720)
+    misfit, place = _leap_of_variance(level, variance, np.full(16, 3.0))
+    assert misfit == pytest.approx(0, abs=1e-9)
+    assert place in (700.0, 800.0)
+    falls = _leap_of_variance(level, variance - 200 * (level > 720), np.full(16, 3.0))
+    assert falls[0] > 1000
+
+
+def test_a_law_of_one_level_has_no_slope():
+    """The mean of what the quietest blocks have; and a falling one is none of noise."""
+    flat = replace(some_blocks(), mean=np.full(900, 500.0), variance=np.full(900, 31.0))
+    assert _first_law(flat, 0.1) == Law(31.0, 0.0, 0.1)
+    assert _first_law(flat.where(np.arange(900) < 59), 0.1) is None
+    own = some_blocks(count=3600)
+    found = _first_law(own, 0.1)
+    least = 1 - 0.6745 * 0.1
+    assert found.gain == pytest.approx(0.7 * least, rel=0.1)
+    assert found(1000.0) == pytest.approx(730 * least, rel=0.05)
+    falling = replace(own, variance=900 - 0.4 * own.mean)
+    law = rough_law(falling, 0.0)
+    assert (law.dark, law.gain) == (pytest.approx(np.quantile(falling.variance, 0.25)), 0.0)
+
+
+def test_dark_frames_below_the_steps_tell_black_to_a_third_of_one():
+    """Rounding alone decides their level; what is told beside them stands."""
+    clip = Clip(np.zeros((2, 48, 56), np.float32), 50.0, None, 255.0, 4.0, ENDS)
+    random = np.random.default_rng(3)
+    fine = 4 * np.rint((66 + 0.4 * random.normal(size=(2, 48, 56))) / 4)
+    known, _, dark, _ = _black_of(clip, fine.astype(np.float32), None)
+    assert known.error == pytest.approx(4 / 3, rel=0.05)
+    told, source, dark, _ = _black_of(clip, fine.astype(np.float32), 63.0)
+    assert (told, source) == (Estimate(63.0, 0.0), "as given")
+    assert dark is not None
+
+
+def test_what_is_left_out_of_means_is_the_end():
+    """Rows and columns that fill no square, of pictures of any sides."""
+    picture = np.arange(35.0).reshape(5, 7)
+    np.testing.assert_allclose(means(picture, 2), [[4, 6, 8], [18, 20, 22]])
+
+
+def test_bands_need_four_frames_and_four_blocks_of_rows():
+    """And are as deep as the root of what neighbours share, not as row noise is."""
+    random, rows = np.random.default_rng(3), np.arange(240)
+    phase = 2 * np.pi * (rows / 60 + np.arange(8)[:, None] * 0.37)
+    light = 900 * (1 + 0.02 * np.sqrt(2) * np.cos(phase))[:, :, None] * np.ones(120)
+    frames = light + 5 * random.normal(size=light.shape)
+    wanted = 0.02 * np.sqrt(np.cos(2 * np.pi * 8 / 60))
+    assert bands_of_light(frames) == pytest.approx(wanted, rel=0.15)
+    assert bands_of_light(frames[:3]) == 0
+    assert bands_of_light(frames[:, :24]) == 0

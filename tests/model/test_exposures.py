@@ -103,7 +103,7 @@ TAKEN = {
         for axes in ("each", "disc")
     },
     "turning in the plane": (
-        Exposures("own", PATH, pan=(120.0, -90.0)),
+        Exposures("own", PATH, pan=(120.0, 0.0)),
         Limits(max_acceleration=A, pans="camera"),
     ),
 }
@@ -158,6 +158,7 @@ def test_the_use_of_a_stage_is_that_of_its_way(slug):
     assert np.all(found <= wanted * margin * (1 + 2e-3))
     assert taken.with_travel(limits).travel == use.travel
     assert taken.duration == pytest.approx(0.0272 if len(taken.axes) == 1 else 0.031)
+    assert PATH.duration == pytest.approx(0.031)
 
 
 @pytest.mark.parametrize("slug", TAKEN)

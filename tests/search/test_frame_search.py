@@ -2,18 +2,42 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mishutter import BurstMode, EvenVelocities, Limits, Scene
+from mishutter import (
+    BurstMode,
+    EvenVelocities,
+    Exposures,
+    Limits,
+    ListedVelocities,
+    Scene,
+    Sensor,
+    exposures_psnr,
+)
 from mishutter.evaluation.bursts import FrameTimes
+from mishutter.evaluation.ceilings import exposures_ceiling
+from mishutter.evaluation.fans import Grid
 from mishutter.evaluation.instants import Instants
+from mishutter.evaluation.sequences import loss_of_width
+from mishutter.model.sequences import FramePath
 from mishutter.search import frame_search, plane_frames
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import Descent, End, Search, changed, one_by_one, reordered
-from mishutter.search.frame_ties import BRACKETED, FREE, SWEEP, TWO_SINES, Tie
+from mishutter.search.frame_ties import (
+    BRACKETED,
+    CIRCLE,
+    FREE,
+    RING,
+    STILLS,
+    SWEEP,
+    TWO_SINES,
+    WAYS,
+    Tie,
+)
 from mishutter.search.moving_frames import sequence_of
 
 LIMITS = Limits(
@@ -339,3 +363,169 @@ def test_a_path_in_the_plane_leads_through_the_places_of_its_frames(axes, pans):
     of_stage = seen._replace(place=seen.place - turned[:, None, None] * seen.time)
     errors = stage.levels.errors(frames)
     np.testing.assert_allclose(stage.levels.errors_at(of_stage), errors, rtol=1e-3, atol=1e-9)
+
+
+# ---- the search in the plane ------------------------------------------------------------------
+
+COARSE = Grid(6, 4, 6, 2)
+LISTED = ListedVelocities([[900.0, 300.0], [1100.0, -500.0], [-200.0, 100.0]], [0.4, 0.35, 0.25])
+
+
+def _of_list(law=LISTED, width=190.0, most=4, **others):
+    burst = BurstMode(frames_per_s=90.0, window=0.05, max_frames=most)
+    light = {"photon_rate": 3e4, "read_noise": 9.0, "burst": burst, "sensor": Sensor(width=width)}
+    return Scene.any_direction(law, limits=Limits(**(PLANE | others)), **light)
+
+
+def _level(scene, frames):
+    return float(exposures_psnr(scene, frames, grid=COARSE))
+
+
+def _ceiling(scene, exposures):
+    return exposures_ceiling(scene, exposures, grid=COARSE)
+
+
+@pytest.fixture
+def starts_alone(monkeypatch):
+    """A search whose descents end where they begin."""
+
+    def tied(self, tie, start):
+        frames = tie.frames(start)
+        return End(tie.kind, frames, self.levels.level(frames))
+
+    monkeypatch.setattr(Descent, "tied", tied)
+    monkeypatch.setattr(Descent, "free", lambda self, x: End(FREE, x, self.levels.level(x)))
+    monkeypatch.setattr(plane_frames, "_SEARCHED", COARSE)
+    monkeypatch.setattr(plane_frames, "exposures_psnr", _level)
+    monkeypatch.setattr(plane_frames, "exposures_ceiling", _ceiling)
+
+
+@pytest.mark.parametrize(("axes", "most"), [("one", 2), ("each", 3)])
+def test_frames_of_each_way_are_measured_within_the_limits(axes, most, starts_alone):
+    """Their level, travel, pan and loss are their own; no way on two axes where there is one."""
+    scene, shares = _of_list(axes=axes, max_stroke=70.0, most=most), []
+    search = plane_frames._PlaneSearch.of(scene)
+    found = search.found(shares.append)
+    assert shares == sorted(shares)
+    assert search.counts == [2, 3][: most - 1]
+    assert found.snapshot.num_frames == 1
+    assert not found.snapshot.moves
+    kinds = {number: [x.kind for x in found.bursts if x.num_axes == number] for number in range(3)}
+    assert kinds[0] == [STILLS, BRACKETED]
+    assert set(kinds[1]) <= set(WAYS)
+    assert len(kinds[1]) > 1
+    assert (len(kinds[2]) > 0) == (axes == "each")
+    along = np.array([math.cos(LISTED.axis), math.sin(LISTED.axis)])
+    for burst in (found.snapshot, *found.bursts):
+        assert burst.psnr == _level(scene, burst.frames)
+        assert burst.share_of(scene.limits) <= 1 + 1e-6
+        assert burst.travel == float(burst.use_within(scene.limits).travel)
+        assert burst.pan == (0.0, 0.0)
+        assert (burst.width_loss is None) == (burst.num_frames == 1)
+        if burst.num_axes == 1:
+            aside = burst.frames.velocities - np.outer(along, along @ burst.frames.velocities)
+            np.testing.assert_allclose(aside, 0, atol=1e-6)
+    loss = loss_of_width(scene, found.bursts[-1].frames, width=190.0)
+    assert found.bursts[-1].width_loss == pytest.approx(loss) != 0
+    times = search.times
+    ceilings = [_ceiling(scene, np.full(n, times.longest_of(n))) for n in search.counts]
+    assert found.ceiling == max(ceilings)
+
+
+def test_more_frames_and_free_ones_are_taken_where_they_gain_enough(monkeypatch):
+    """A 40th of a decibel by each number of frames, and 0.05 dB over all ways of a name."""
+
+    def burst(self, stage, end, num_axes):
+        return replace(NAMED, kind=end.kind, psnr=end.level)
+
+    monkeypatch.setattr(plane_frames._PlaneSearch, "_burst", burst)
+    search = plane_frames._PlaneSearch.of(_of_list())
+    stage = search.stage(2)
+
+    def ends(kind, *levels):
+        return [
+            None if x is None else End(kind, _frames(k + 2, 1, 2), x) for k, x in enumerate(levels)
+        ]
+
+    every = [*ends(SWEEP, 25.0, 25.02, 25.04), *ends(RING, None, 24.0, 23.0), *ends(CIRCLE, None)]
+    chosen = search._bursts(stage, every, 2)
+    assert [(x.kind, x.psnr) for x in chosen] == [(SWEEP, 25.04), (RING, 24.0)]
+    chosen = search._bursts(stage, ends(SWEEP, 25.0, 25.024), 2)
+    assert [x.psnr for x in chosen] == [25.0]
+
+    named = {TWO_SINES: 26.0, RING: 25.0}
+    for gain, number in ((0.049, 0), (0.051, 1)):
+
+        def best(self, kind, count, most=None):
+            return End(kind, _frames(count, 1, 2), named[kind]) if kind in named else None
+
+        monkeypatch.setattr(plane_frames._Stage, "best", best)
+        monkeypatch.setattr(
+            plane_frames._Stage,
+            "free",
+            lambda self, *ends, progress, level=26.0 + gain: [End(FREE, _frames(2, 1, 2), level)],
+        )
+        flat = [End(SWEEP, _frames(2, 1), 24.0), None]
+        found = search._on_two_axes(search.stage(1), flat, [], lambda share: None)
+        assert [x.kind for x in found] == [TWO_SINES, RING] + number * [FREE]
+        # One on a single axis counts among the ways of a name.
+        better = [replace(NAMED, kind=SWEEP, psnr=26.1)]
+        found = search._on_two_axes(search.stage(1), flat, better, lambda share: None)
+        assert [x.kind for x in found] == [TWO_SINES, RING]
+
+
+NAMED = Exposures(
+    SWEEP, FramePath(np.zeros(1), np.full(1, 0.01), np.full(1, 0.01), np.ones((2, 2))), 1.0
+)
+
+
+def test_frames_along_an_axis_are_the_same_in_the_plane():
+    """By more pieces too: where they are at each time, along the direction of the axis."""
+    search = plane_frames._PlaneSearch.of(_of_list(max_stroke=70.0))
+    one, two = search.stage(1), search.stage(2)
+    frames = one._tie(SWEEP, Shape(3, 2, 1)).frames(np.array([0.9, 0.2, 0.4, 0.3]))
+    turned = plane_frames._on_plane(plane_frames._resampled(frames, 6), one.unit)
+    assert turned.velocity.shape == (3, 7, 2)
+    np.testing.assert_allclose(np.mean(turned.place, axis=0), np.mean(frames.place))
+    paths = one.made(frames), two.made(turned)
+    within = paths[0].times[:, None] + paths[0].exposures[:, None] * np.linspace(-0.49, 0.49, 7)
+    places = [path.place(within) for path in paths]
+    apart = places[1] - places[0]
+    np.testing.assert_allclose(apart, np.broadcast_to(apart[:, :1, :1], apart.shape), atol=1e-6)
+    np.testing.assert_allclose(paths[0].times, paths[1].times)
+    assert two.levels.level(turned) == pytest.approx(one.levels.level(frames), abs=1e-5)
+
+
+def test_ways_are_about_the_things_that_occur():
+    """Beside the velocity at which the camera turns; a thing of no weight counts for nothing."""
+    law = ListedVelocities([[900.0, 300.0], [1100.0, -500.0], [-4e3, 100.0]], [0.4, 0.6, 0.0])
+    turning = plane_frames._PlaneSearch.of(_of_list(law, pans="camera", max_pan=260.0))
+    for search in (plane_frames._PlaneSearch.of(_of_list(law)), turning):
+        stage, axis = search.stage(2), law.axis
+        along = np.array([math.cos(axis), math.sin(axis)])
+        tie = stage._tie(RING, Shape(4, 1, 2))
+        seen = np.array([[900.0, 300.0], [1100.0, -500.0]]) - search.offset
+        assert tie.slowest == pytest.approx(np.min(seen @ along))
+        assert tie.fastest == pytest.approx(np.max(seen @ along))
+        middle = np.array([0.4, 0.6]) @ seen
+        np.testing.assert_allclose(tie.across, middle - along * (along @ middle), atol=1e-9)
+        across = np.array([-along[1], along[0]])
+        assert tie.widest == pytest.approx(np.max(np.abs(np.asarray(law.velocities)[:2] @ across)))
+    np.testing.assert_allclose(turning.offset, 260 * law.centre / np.hypot(*law.centre))
+    top = PLANE["max_top_speed"] - 260
+    assert turning.stage(1).room.top_speed == pytest.approx(top)
+
+
+def test_stills_of_a_camera_that_turns_are_those_of_things_about_rest(starts_alone):
+    """The best of one frame and of several, for the velocities less their mean."""
+    about_rest = ListedVelocities(np.asarray(LISTED.velocities) - LISTED.centre, LISTED.weights)
+    found = plane_frames.stills_on_pan(_of_list(max_top_speed=100.0, max_pan=20.0))
+    rest = _of_list(about_rest)
+    search = plane_frames._PlaneSearch.of(rest)
+    one = search.stage(1)
+    every = search._bursts(one, [one.best(STILLS, n) for n in (1, 2, 3, 4)], 0)
+    best = max(every, key=lambda burst: burst.level)
+    assert found.level == pytest.approx(best.level, abs=1e-3)
+    np.testing.assert_allclose(found.pan, LISTED.centre, rtol=1e-6)
+    assert found.exposures == pytest.approx(best.exposures)
+    assert found.num_axes == 0
