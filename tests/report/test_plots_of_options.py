@@ -1,10 +1,13 @@
 """Pictures of options, of two axes, of fits and of measurements: what their lines hold."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray
 from support.bursts import a_burst_design
+from support.photographs import photograph
 from support.plane import a_plane_design
 
 from mishutter import (
@@ -31,6 +34,7 @@ from mishutter.measurement.noise import Noise
 from mishutter.measurement.photon_transfer import Blocks, Law, Transfer
 from mishutter.measurement.scene import Measurement
 from mishutter.model.exposures import Exposures
+from mishutter.model.shutters.kinds import shutter_to_dict
 from mishutter.report.fit_plots import plot_fit
 from mishutter.report.measurement_plots import plot_motion, plot_noise
 from mishutter.report.plots import (
@@ -39,10 +43,13 @@ from mishutter.report.plots import (
     _outline,
     _shrunk,
     motion_text,
+    new_figure,
     plot_frames,
     plot_option,
+    plot_photograph,
     shown_name,
 )
+from mishutter.report.sweep_plots import _draw_profile
 from mishutter.search.rows import FRAMES, ONE_EXPOSURE, STAGE, Row
 
 SCENE = Scene([-310.0, 420.0], photon_rate=2e5, read_noise=3.0, limits=Limits(max_stroke=40.0))
@@ -206,6 +213,41 @@ def test_a_detail_is_one_place_of_parts_that_begin_apart():
             assert one.shape == ((8, 11, 1) if axis == "rows" else (11, 8, 1))
             np.testing.assert_array_equal(one, found[0])
         assert np.sum(found[0] != 0.4) == 80
+
+
+def test_the_box_in_a_scene_is_the_detail():
+    """Its edges lie between pixels, in both colours; the scene is twice as high as a detail."""
+    found = photograph(21)
+    figure = plot_photograph({"rect": found, "Hann": photograph(24)}, [0.0, 450.0], detail=(7, 11))
+    whole, detail = figure.axes[:2]
+    shown = np.asarray(detail.images[0].get_array())
+    (first, second), picture = whole.patches, np.asarray(whole.images[0].get_array())
+    corner = np.array(first.get_xy()) + 0.5
+    left, top = corner.astype(int)
+    assert (first.get_width(), first.get_height()) == (11, 7) == shown.shape[::-1]
+    np.testing.assert_array_equal(picture[top : top + 7, left : left + 11], shown)
+    np.testing.assert_array_equal(second.get_bbox().bounds, first.get_bbox().bounds)
+    heights = [axes.get_position().height * figure.get_figheight() for axes in figure.axes[:3]]
+    below = figure.axes[2].get_position(original=True).height * figure.get_figheight()
+    assert below == pytest.approx(1.6 * 7 / 11, rel=0.1)
+    assert heights[0] == pytest.approx(min(2 * below, 1.6 * 4 * 23 / 31), rel=0.15)
+
+
+def test_a_profile_of_a_front_names_its_stroke_or_its_sag():
+    """A pan adds to the stroke, and what is left is the sag."""
+    shutters = {"shutters": {"Hann": shutter_to_dict(HannShutter())}}
+    for velocity, word in ((0.0, "stroke"), (-200.0, "sag")):
+        point = xarray.Dataset(
+            {},
+            {"shutter": "Hann", "half_exposure": 0.004, "acceleration": 5e5, "velocity": velocity},
+        )
+        axes = new_figure(4.0, 3.0).subplots()
+        dataset = xarray.Dataset(attrs={"sweep": json.dumps(shutters)})
+        _draw_profile(axes, dataset, point, "B")
+        assert axes.get_title() == f"B: Hann\n8 px {word}"
+        time, passed = axes.get_lines()[0].get_data()
+        np.testing.assert_allclose(time[[0, -1]], [-4.0, 4.0])
+        np.testing.assert_allclose(passed[1:-1], HannShutter().transmittance(time[1:-1] / 4))
 
 
 def test_pictures_are_shrunk_by_means_and_names_in_the_middle():
