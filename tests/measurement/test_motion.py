@@ -86,7 +86,6 @@ def test_two_frames_are_enough():
     assert np.hypot(*away) / 50 < 0.5
 
 
-@pytest.mark.slow
 def test_a_picture_that_moves_as_a_whole_has_one_velocity():
     """It leaves nothing at rest but what enters, and is one object."""
     clip = replace(CLIP, things=(Thing((96, 120), (300, 400), (90.0, -210.0), "gravel.png"),))
@@ -95,7 +94,6 @@ def test_a_picture_that_moves_as_a_whole_has_one_velocity():
     assert motion.share_at_rest < 0.15
 
 
-@pytest.mark.slow
 def test_a_patch_that_changes_has_no_velocity():
     """Texture that is another one in each frame moves in no direction, which is said."""
     levels = replace(CLIP, things=()).levels()
