@@ -14,6 +14,7 @@ from mishutter.measurement.motion import (
     _is_same,
     _lead,
     _leap,
+    _track,
     read_in_turn,
 )
 from mishutter.measurement.noise import _black_of, _gain_of, _of_one_dark, _others, _read_of
@@ -41,7 +42,7 @@ from mishutter.measurement.steady import (
     means,
 )
 from mishutter.measurement.texture import averaged, is_mosaic
-from mishutter.pictures.registration.sweep import Sweep
+from mishutter.pictures.registration.sweep import Smoothed, Sweep
 
 ENDS = -np.inf, np.inf
 
@@ -294,6 +295,24 @@ def test_a_leap_is_so_many_usual_steps():
     uneven = np.cumsum([0, 0.4, 1.7, 2.0, 0.3, 1.5, 0.2])[:, None] * velocity
     assert _leap(np.arange(7), uneven, velocity) is None
     assert _leap(np.arange(3), np.array([0, 1, 3])[:, None] * velocity, velocity) is None
+
+
+def test_a_thing_is_tracked_over_a_frame_that_was_lost():
+    """Its way is so many px from the reference, before and after it, as far as it is seen."""
+    random = np.random.default_rng(2)
+    texture = 9 * ndimage.gaussian_filter(random.normal(size=(96, 128)), 1.2)
+    numbers = [0, 1, 2, 3, 5, 6, 7]
+    frames = np.stack([np.roll(texture, (2 * k, -3 * k), (0, 1)) for k in numbers])
+    frames[6] = np.roll(frames[6], 40, 0)  # nothing of it is seen any more
+    frames = (frames + random.normal(size=frames.shape)).astype(np.float32)
+    mask = np.zeros((96, 128), bool)
+    mask[40:62, 50:84] = True
+    fine = Smoothed.of(frames, np.arange(7.0), 1.0)
+    times, places = _track(fine, 2, np.array([2.0, -3.0]), mask)
+    assert times.tolist() == [0, 1, 2, 3, 4, 5]
+    wanted = (np.array(numbers[:6]) - 2)[:, None] * np.array([2, -3])
+    np.testing.assert_allclose(places, wanted, atol=0.1)
+    assert _leap(times, places, np.array([2.0, -3.0])) == (3, 2)
 
 
 def test_a_lead_is_that_of_the_tiles_about_the_middle():
