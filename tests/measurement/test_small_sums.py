@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from mishutter.measurement.clip import Clip
-from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.motion import (
     Motion,
     MovingObject,
@@ -31,7 +31,7 @@ from mishutter.measurement.photon_transfer import (
     transfer_of,
 )
 from mishutter.measurement.scene import _quantile, along_axis
-from mishutter.measurement.signs import _correlates, too_narrow
+from mishutter.measurement.signs import _correlates, signs_of, too_narrow
 from mishutter.measurement.signs import _leap as _leap_of_variance
 from mishutter.measurement.steady import (
     Steady,
@@ -522,3 +522,33 @@ def test_a_shake_is_found_by_some_pixels_of_a_large_picture(monkeypatch):
     np.testing.assert_allclose(of_some, of_all, atol=4 * larger)
     np.testing.assert_allclose(of_some[3] - of_some[0], [0.2, -0.1], atol=0.02)
     assert error < larger < 2 * error
+
+
+@pytest.mark.parametrize(
+    ("excess", "other", "focus", "reason"),
+    [
+        ((0.1, 0.01), True, 0.0, "what has detail has 10% more of it"),
+        ((0.2, 0.01), False, 0.0, "what has detail has 20% more of it"),
+        ((0.1, 0.01), False, 0.0, None),
+        ((0.1, 0.03), True, 0.0, "another"),
+        ((0.03, 0.001), True, 0.0, "another"),
+        ((0.03, 0.001), True, 0.1, "the focus drifts"),
+        ((0.03, 0.001), False, 0.1, None),
+    ],
+)
+def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypatch):
+    """Where edges have more noise than chance gives them, or the focus drifts."""
+    another = Refusal("the noise", "another", "remedy") if other else None
+    for name in ("_repeats", "_steps_of_eight", "_correlates", "_bends"):
+        monkeypatch.setattr(f"mishutter.measurement.signs.{name}", lambda *_: None)
+    monkeypatch.setattr("mishutter.measurement.signs._is_filtered", lambda *_: another)
+    monkeypatch.setattr("mishutter.measurement.signs.detail_excess", lambda *_: Estimate(*excess))
+    blocks, frames = some_blocks(), np.zeros((2, 48, 56), np.float32)
+    clip = Clip(frames, 50.0, None, 1000.0, 1.0, ENDS)
+    transfer = Transfer(
+        *(Law(1.0, 1.0, 0.1), blocks, blocks, 1.0, np.zeros((2, 2)), Estimate(0.0, 1.0)),
+        np.ones((1, 1, 900), bool),
+    )
+    steady = Steady.of(frames)._replace(focus=focus)
+    found = signs_of(clip, steady, transfer, None)
+    assert [each.reason[: len(reason or "")] for each in found] == [reason] * (reason is not None)
