@@ -89,11 +89,11 @@ def _refine_parts(arrangement: Arrangement, *, is_first: bool) -> None:
 
 def _sharpen(arrangement: Arrangement) -> None:
     """Draws outlines by all that is known by now, and solves them near there."""
-    cut_out(arrangement)
+    cut_out(arrangement, at_edges=True)
     arrangement.place()
     drawn = [thing.matte for thing in arrangement.things]
-    for _ in range(_SHARPENINGS):
-        sharpen(arrangement, drawn)
+    for turn in range(_SHARPENINGS):
+        sharpen(arrangement, drawn, surely=False)
         arrangement.place()
 
 

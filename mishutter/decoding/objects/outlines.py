@@ -4,7 +4,8 @@ A pixel belongs to a thing where each frame, given the others along the thing's 
 likelier than given the others along all else that may be seen there: the background at rest, with
 and without the thing before it, and other things. The logarithms of the likelihoods are of
 differences under a Gaussian, so that half of the pixels at an outline say nothing; of the masks
-that they allow the one of the shortest outline is taken.
+that they allow the one of the shortest outline is taken. Its length counts less where the light along
+the thing has an edge: what hides others ends at one more likely than elsewhere.
 
 Within some pixels of that, the light of a pixel says how much of it the thing covers:
 $g = (b * m)\,a + (1 - b * m)\,h$ with the light $a$ of the thing, $h$ of what is behind it, and the
@@ -39,6 +40,9 @@ _BIAS = 0.04
 """The lead of all else, where nothing tells."""
 _EDGE, _FINE_EDGE = 1.5, 1.0
 """Logarithms of likelihoods that a pixel of outline has to bring: at first, and from mixed ones."""
+_SLOPE, _SLOPE_NOISE = 1.0, 1 / (4 * np.pi)
+"""Gaussian under which an edge of light is looked for, px, and the square of a slope there by noise
+of unit variance."""
 _INNER = 8
 """Pixels within an outline that are hardly of another thing."""
 _LIGHT = 0.5
@@ -52,8 +56,11 @@ _GREATEST = 30.0
 """Most that one pixel tells of its own cover, in inverse variances."""
 _SHARP = 1.0
 """Gaussian through which a step is taken for an outline's; px."""
+_STEPS = 60
 _REACH = 6.0
 """Pixels about an outline whose cover is solved for."""
+_SURE = 2
+"""Pixels within an outline that surely show the thing."""
 _MIXED = 0.85
 """Cover from which on a pixel tells of the light of what covers it."""
 
@@ -126,8 +133,13 @@ class Along(NamedTuple):
         return self.taken(stack, ways) * self.seen
 
 
-def cut_out(arrangement: Arrangement) -> None:
-    """Draws the outline of each thing anew, all by the same light."""
+def cut_out(arrangement: Arrangement, *, at_edges: bool = False) -> None:
+    """Draws the outline of each thing anew, all by the same light.
+
+    Args:
+        arrangement: The things.
+        at_edges: Whether outlines are likelier at edges of the light along things than elsewhere.
+    """
     stills, things = arrangement.stills, arrangement.things
     coefficients = splines(stills.light)
     rest = given_others(stills, stills.light, pure(arrangement.ground))
@@ -157,10 +169,11 @@ def cut_out(arrangement: Arrangement) -> None:
         lead = np.sum(lead, axis=0) * _INDEPENDENT
         least = float(np.min(stills.weights))
         lead = np.where(given.others > 0.2 * least, lead, 0) - _BIAS
-        outlines.append((along.window, lead, given.others > 1.2 * least))
-    for thing, (window, lead, is_told) in zip(things, outlines, strict=True):
+        costs = _costs(stills, along) if at_edges else np.ones_like(lead)
+        outlines.append((along.window, lead, given.others > 1.2 * least, _EDGE * costs))
+    for thing, (window, lead, is_told, costs) in zip(things, outlines, strict=True):
         start = window.of(thing.matte)
-        mask = of_few_edges(start, lambda _, lead=lead: -lead, _EDGE, 0.35, 150) > 0.5
+        mask = of_few_edges(start, lambda _, lead=lead: -lead, costs, 0.35, 150) > 0.5
         # What one frame alone shows goes on from what several do, or is none of the thing.
         parts = np.empty(mask.shape, np.int32)
         ndimage.label(mask, output=parts)
@@ -168,6 +181,17 @@ def cut_out(arrangement: Arrangement) -> None:
         mask = np.isin(parts, 1 + np.flatnonzero(np.asarray(shares) > 0.5))
         thing.matte = window.placed(mask.astype(np.float32), stills.shape)
         thing.evidence = float(np.sum(lead * mask))
+
+
+def _costs(stills: Stills, along: Along) -> Mask:
+    """Cost of a pixel of outline, by how steep the light along a thing is beside its mean steepness."""
+    weights = stills.weights[:, None, None].astype(np.float32) * along.seen
+    worth = np.sum(weights, axis=0)
+    mean = np.sum(weights * along.frames, axis=0) / np.maximum(worth, 1e-9)
+    light = smoothed(filled(mean, worth > 0), _SLOPE)
+    noise = _SLOPE_NOISE * stills.typical_noise(light) / np.maximum(worth, float(np.min(stills.weights)))
+    square = np.maximum(_square_slope(light) - noise, 0)
+    return (1 / (1 + square / (np.mean(square) + noise))).astype(np.float32)
 
 
 def _otherwise(arrangement: Arrangement, number: int, rest: np.ndarray) -> np.ndarray:
@@ -199,10 +223,14 @@ class Lights(NamedTuple):
     told: list[Bool[np.ndarray, "rows columns"]]  # Where frames show that
 
 
-def mean_lights(arrangement: Arrangement) -> Lights:
+def mean_lights(arrangement: Arrangement, *, within: int = 0) -> Lights:
     """Light of each layer, by the mean of the frames in which its pixels are its own.
 
     Pixels that are nearly so tell as well, less the light of what is behind.
+
+    Args:
+        arrangement: The things.
+        within: Pixels from a thing's outline within which none tells of its light.
     """
     stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
     weights = stills.weights[:, None, None].astype(np.float32)
@@ -221,6 +249,10 @@ def mean_lights(arrangement: Arrangement) -> Lights:
         hidden = behind_in_frames(arrangement, lights, number)
         behind = along.taken(hidden, ways)
         tells = (along.seen > 0) & (front > 0.95) & (cover > _MIXED)
+        if within:
+            inner = ndimage.binary_erosion(thing.matte > 0.5, iterations=within)
+            inner = arrangement.covered(thing, inner.astype(np.float32))
+            tells &= along.shares(inner, ways) > _MIXED
         share = cover * tells
         weighed = share * weights
         total = np.sum(weighed * (along.frames - (1 - cover) * behind), axis=0)
@@ -245,15 +277,17 @@ def behind_in_frames(arrangement: Arrangement, lights: Lights, number: int) -> n
     return light
 
 
-def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
+def sharpen(arrangement: Arrangement, drawn: list[Mask], *, surely: bool = False) -> None:
     """Solves the outlines again, from the light of pixels that show two layers.
 
     Args:
         arrangement: The things.
         drawn: The mask of each, near whose outline the solved one lies.
+        surely: Whether light is taken from pixels only that lie some way within outlines. That of
+            others is a mixture where an outline is too wide, and would seem to be the thing's own.
     """
     stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
-    lights = mean_lights(arrangement)
+    lights = mean_lights(arrangement, within=_SURE if surely else 0)
     smooth = lights._replace(
         ground=smoothed(lights.ground, _LIGHT), things=[smoothed(a, _LIGHT) for a in lights.things]
     )
@@ -273,7 +307,7 @@ def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
         square, cross = _cover(stills, along, own, behind)
         blur = thing.velocity * stills.exposure
         near = along.window.of(from_outline(drawn[number] > 0.5) <= _REACH).astype(np.float32)
-        mattes.append(_solved((along.window, near), thing.matte, blur, square, cross - _BIAS))
+        mattes.append(_solved((along.window, near), thing.matte, blur, square, cross - _BIAS, _FINE_EDGE * _costs(stills, along)))
     for thing, matte in zip(arrangement.things, mattes, strict=True):
         thing.matte = matte
 
@@ -340,6 +374,7 @@ def _solved(
     blur: Float[np.ndarray, "2"],
     square: Mask,
     cross: Mask,
+    costs: Mask,
 ) -> Mask:
     """The matte of least misfit and few edges, with edges as sharp as a pixel's."""
     window, near = where
@@ -353,10 +388,16 @@ def _solved(
         return irfftn(rfftn(np.pad(mask, 16)) * box, size)[16:-16, 16:-16]
 
     square, cross = square.astype(np.float32), cross.astype(np.float32)
-    step = 1 / (float(square.max()) / 2 + 4)
+    # The curvature is nowhere more than what all of its row adds up to.
+    step = (1 / (np.maximum(blurred(square), 0) / 2 + 4)).astype(np.float32)
     slope = lambda u: near * blurred(blurred(u) * square - cross)  # noqa: E731
-    solved = of_few_edges(part, slope, _FINE_EDGE, step, 60)
+    solved = of_few_edges(part, slope, costs, step, _STEPS)
+    return window.placed(sharp(np.where(near > 0, solved, part)), matte.shape)
+
+
+def sharp(mask: Mask) -> Mask:
+    """A matte whose edges are those of a mask, as sharp as a pixel's."""
     # A step that is seen through a Gaussian says where it is.
-    through = np.clip(smoothed(np.where(near > 0, solved, part), _SHARP), 1e-4, 1 - 1e-4)
+    through = np.clip(smoothed(mask, _SHARP), 1e-4, 1 - 1e-4)
     distance = erfinv(2 * through - 1) * np.sqrt(2 * (_SHARP**2 + 1 / 12))
-    return window.placed(np.clip(0.5 + distance, 0, 1).astype(np.float32), matte.shape)
+    return np.clip(0.5 + distance, 0, 1).astype(np.float32)
