@@ -384,7 +384,7 @@ def _is_same(one: MovingObject, other: MovingObject) -> bool:
     time = other.frame - one.frame
     way = np.array(one.centre) + v * time - np.array(other.centre)
     size = np.sqrt(max(one.area, other.area))
-    return time != 0 and apart < 2 * SEPARATE and bool(np.hypot(*way) < size)
+    return time != 0 and bool(apart < 2 * SEPARATE and np.hypot(*way) < size)
 
 
 def _in_seconds(each: MovingObject, unit: float, scale: int, first: int) -> MovingObject:

@@ -77,6 +77,25 @@ def test_the_stage_goes_back_to_where_it_began(axes, jerk):
     assert max(uses) == pytest.approx(1, abs=2e-3)
 
 
+def test_a_stage_that_is_back_has_no_way():
+    """Its path stays as it is; rest is where it stands still, before and after all else."""
+    x, y = a_plane_design().stage_paths
+    limits = Limits(max_acceleration=4e4, max_top_speed=170.0)
+    assert with_way_back({"_x": x}, limits) == {"_x": x}
+    for returns in (False, True):
+        own = columns_of(frame_table(a_plane_design()).stage_csv(returns=returns))
+        rests = np.array([part == "rest" for part in own["part"]])
+        speeds = np.hypot(own["sensor_velocity_x"], own["sensor_velocity_y"])
+        assert rests[0]
+        assert rests[-1]
+        assert np.max(speeds[rests]) < 1e-6
+        assert np.sum(rests) <= 3
+        arrives = own["time"] > 1e3 * y.times[-1] + 1e-6
+        back = [part == "return" for part in own["part"]]
+        np.testing.assert_array_equal(back, arrives & ~rests)
+        assert np.any(back) == returns
+
+
 def test_the_servo_of_each_axis_is_sent_more():
     """A servo that is sent the column of an axis makes that axis, by its own equation."""
     servo = SecondOrderStage(bandwidth=170.0, damping=0.6)

@@ -53,7 +53,13 @@ def _driven(path, num_steps=200_000):
 def test_travel_and_top_speed_are_those_of_the_path(case):
     """The closed forms are the range and the greatest speed of a path that is added up in time."""
     path = stage_path(_motion(case), max_acceleration=case[3], max_jerk=case[4])
-    _, position, velocity, pulled = _driven(path)
+    times, position, velocity, pulled = _driven(path)
+    found = path.at(times)
+    np.testing.assert_allclose(found[0] - found[0][0], position, atol=1e-4 * np.ptp(position))
+    np.testing.assert_allclose(found[1], velocity, atol=1e-3 * np.max(np.abs(velocity)))
+    middles = (times[1:] + times[:-1]) / 2
+    np.testing.assert_allclose(path.acceleration_at(middles), pulled, rtol=1e-12)
+    assert not path.acceleration_at(path.times[[0, -1]] + np.array([-1.0, 0.0])).any()
     use = stage_use(_motion(case), *case[3:])
     assert float(use.travel) == pytest.approx(np.ptp(position), rel=1e-4)
     assert float(use.top_speed) == pytest.approx(np.abs(velocity).max(), rel=1e-4)
