@@ -4,8 +4,8 @@ A pixel belongs to a thing where each frame, given the others along the thing's 
 likelier than given the others along all else that may be seen there: the background at rest, with
 and without the thing before it, and other things. The logarithms of the likelihoods are of
 differences under a Gaussian, so that half of the pixels at an outline say nothing; of the masks
-that they allow the one of the shortest outline is taken. Its length counts less where the light along
-the thing has an edge: what hides others ends at one more likely than elsewhere.
+that they allow the one of the shortest outline is taken. In the end its length counts less where
+the light along the thing has an edge, at which things end rather than elsewhere.
 
 Within some pixels of that, the light of a pixel says how much of it the thing covers:
 $g = (b * m)\,a + (1 - b * m)\,h$ with the light $a$ of the thing, $h$ of what is behind it, and the
@@ -56,11 +56,8 @@ _GREATEST = 30.0
 """Most that one pixel tells of its own cover, in inverse variances."""
 _SHARP = 1.0
 """Gaussian through which a step is taken for an outline's; px."""
-_STEPS = 60
 _REACH = 6.0
 """Pixels about an outline whose cover is solved for."""
-_SURE = 2
-"""Pixels within an outline that surely show the thing."""
 _MIXED = 0.85
 """Cover from which on a pixel tells of the light of what covers it."""
 
@@ -184,12 +181,16 @@ def cut_out(arrangement: Arrangement, *, at_edges: bool = False) -> None:
 
 
 def _costs(stills: Stills, along: Along) -> Mask:
-    """Cost of a pixel of outline, by how steep the light along a thing is beside its mean steepness."""
+    """Cost of a pixel of outline: less where light along a thing is steeper than in the mean."""
     weights = stills.weights[:, None, None].astype(np.float32) * along.seen
     worth = np.sum(weights, axis=0)
     mean = np.sum(weights * along.frames, axis=0) / np.maximum(worth, 1e-9)
     light = smoothed(filled(mean, worth > 0), _SLOPE)
-    noise = _SLOPE_NOISE * stills.typical_noise(light) / np.maximum(worth, float(np.min(stills.weights)))
+    noise = (
+        _SLOPE_NOISE
+        * stills.typical_noise(light)
+        / np.maximum(worth, float(np.min(stills.weights)))
+    )
     square = np.maximum(_square_slope(light) - noise, 0)
     return (1 / (1 + square / (np.mean(square) + noise))).astype(np.float32)
 
@@ -223,14 +224,10 @@ class Lights(NamedTuple):
     told: list[Bool[np.ndarray, "rows columns"]]  # Where frames show that
 
 
-def mean_lights(arrangement: Arrangement, *, within: int = 0) -> Lights:
+def mean_lights(arrangement: Arrangement) -> Lights:
     """Light of each layer, by the mean of the frames in which its pixels are its own.
 
     Pixels that are nearly so tell as well, less the light of what is behind.
-
-    Args:
-        arrangement: The things.
-        within: Pixels from a thing's outline within which none tells of its light.
     """
     stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
     weights = stills.weights[:, None, None].astype(np.float32)
@@ -249,10 +246,6 @@ def mean_lights(arrangement: Arrangement, *, within: int = 0) -> Lights:
         hidden = behind_in_frames(arrangement, lights, number)
         behind = along.taken(hidden, ways)
         tells = (along.seen > 0) & (front > 0.95) & (cover > _MIXED)
-        if within:
-            inner = ndimage.binary_erosion(thing.matte > 0.5, iterations=within)
-            inner = arrangement.covered(thing, inner.astype(np.float32))
-            tells &= along.shares(inner, ways) > _MIXED
         share = cover * tells
         weighed = share * weights
         total = np.sum(weighed * (along.frames - (1 - cover) * behind), axis=0)
@@ -277,17 +270,15 @@ def behind_in_frames(arrangement: Arrangement, lights: Lights, number: int) -> n
     return light
 
 
-def sharpen(arrangement: Arrangement, drawn: list[Mask], *, surely: bool = False) -> None:
+def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
     """Solves the outlines again, from the light of pixels that show two layers.
 
     Args:
         arrangement: The things.
         drawn: The mask of each, near whose outline the solved one lies.
-        surely: Whether light is taken from pixels only that lie some way within outlines. That of
-            others is a mixture where an outline is too wide, and would seem to be the thing's own.
     """
     stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
-    lights = mean_lights(arrangement, within=_SURE if surely else 0)
+    lights = mean_lights(arrangement)
     smooth = lights._replace(
         ground=smoothed(lights.ground, _LIGHT), things=[smoothed(a, _LIGHT) for a in lights.things]
     )
@@ -307,7 +298,16 @@ def sharpen(arrangement: Arrangement, drawn: list[Mask], *, surely: bool = False
         square, cross = _cover(stills, along, own, behind)
         blur = thing.velocity * stills.exposure
         near = along.window.of(from_outline(drawn[number] > 0.5) <= _REACH).astype(np.float32)
-        mattes.append(_solved((along.window, near), thing.matte, blur, square, cross - _BIAS, _FINE_EDGE * _costs(stills, along)))
+        mattes.append(
+            _solved(
+                (along.window, near),
+                thing.matte,
+                blur,
+                square,
+                cross - _BIAS,
+                _FINE_EDGE * _costs(stills, along),
+            )
+        )
     for thing, matte in zip(arrangement.things, mattes, strict=True):
         thing.matte = matte
 
@@ -388,10 +388,9 @@ def _solved(
         return irfftn(rfftn(np.pad(mask, 16)) * box, size)[16:-16, 16:-16]
 
     square, cross = square.astype(np.float32), cross.astype(np.float32)
-    # The curvature is nowhere more than what all of its row adds up to.
-    step = (1 / (np.maximum(blurred(square), 0) / 2 + 4)).astype(np.float32)
+    step = 1 / (float(square.max()) / 2 + 4)
     slope = lambda u: near * blurred(blurred(u) * square - cross)  # noqa: E731
-    solved = of_few_edges(part, slope, costs, step, _STEPS)
+    solved = of_few_edges(part, slope, costs, step, 60)
     return window.placed(sharp(np.where(near > 0, solved, part)), matte.shape)
 
 
