@@ -513,7 +513,7 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     assert "Moving frames are left out: objects are found in frames at rest alone" in said
     assert ("they are its mean over photographs" in said) == (background == "still")
     assert f"objects over 37% of the picture, 83 px wide, before a {words} with detail" in said
-    assert "(before one that is dark and empty say [objects]);" in said
+    assert "(before one that is dark and empty say [objects]); speeds are told; " in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
     parts = Occlusion(front_share=0.37, background=background)
