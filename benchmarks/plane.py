@@ -86,8 +86,8 @@ def cell(count: int, light: float, noise: float) -> dict[str, Any]:
     search = _PlaneSearch.of(scene)
     one, two = search.stage(1), search.stage(2)
     found = {}
-    for stage, kind, axes in ((one, STILLS, 0), (one, BRACKETED, 0), (two, TWO_SINES, 2)):
-        (found[kind],) = search._bursts(stage, [stage.best(kind, count)], axes)
+    for stage, kind in ((one, STILLS), (one, BRACKETED), (two, TWO_SINES)):
+        (found[kind],) = search._bursts(stage, [stage.best(kind, count)])
     still = found[STILLS]
     exposure = float(still.frames.exposures[0])
     mean = float(scene.picture.mean_level)

@@ -50,7 +50,6 @@ def test_levels_that_are_given_are_taken():
     )
 
 
-@pytest.mark.slow
 def test_fine_detail_takes_more_coefficients():
     """Cross-validation finds as many as the profile needs, and no more for a smooth one."""
     smooth = measured_profile(noisy_trace(0.05), half_exposure=HALF, middle=2e-3)

@@ -58,6 +58,10 @@ def test_labels_are_where_objects_are(motion):
         speeds = [np.hypot(*(np.array(t.velocity) - each.velocity)) for t in CLIP.things]
         assert own.argmax() == 1 + int(np.argmin(speeds))
     assert abs(motion.share_at_rest - np.mean(truth == 0)) < 0.06
+    assert motion.share_at_rest == pytest.approx(np.mean(motion.labels == 0))
+    assert motion.share_unexplained == pytest.approx(np.mean(motion.labels < 0))
+    areas = [each.area for each in motion.objects]
+    assert areas == sorted(areas, reverse=True)
     begins = np.sum((truth[:, 1:] > 0) & (truth[:, :-1] == 0))
     assert motion.width[0] == pytest.approx(np.sum(truth > 0) / begins, rel=0.25)
 
@@ -86,7 +90,6 @@ def test_two_frames_are_enough():
     assert np.hypot(*away) / 50 < 0.5
 
 
-@pytest.mark.slow
 def test_a_picture_that_moves_as_a_whole_has_one_velocity():
     """It leaves nothing at rest but what enters, and is one object."""
     clip = replace(CLIP, things=(Thing((96, 120), (300, 400), (90.0, -210.0), "gravel.png"),))
@@ -95,7 +98,6 @@ def test_a_picture_that_moves_as_a_whole_has_one_velocity():
     assert motion.share_at_rest < 0.15
 
 
-@pytest.mark.slow
 def test_a_patch_that_changes_has_no_velocity():
     """Texture that is another one in each frame moves in no direction, which is said."""
     levels = replace(CLIP, things=()).levels()
