@@ -262,8 +262,8 @@ def plot_drive(table: DriveTable) -> "Figure":
     top.plot(edges[:-1] + step / 2, table.wanted, label="sent as designed", **second)
     time, motion = np.linspace(edges[0], edges[-1], _NUM_POINTS), table.design.motion
     if table.design.scene.device is not None:
-        behind = _over_exposure(motion, table.passed())[:2]
-        top.plot(*behind, label="behind the device", **third)
+        passed = _over_exposure(motion, table.passed())[1][1:-1]
+        top.plot(time, passed, label="behind the device", **third)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     leave_room(figure, top=0.4, num_rows=2)
