@@ -353,6 +353,10 @@ def test_the_physics_of_deepinv_has_the_noise_of_the_capture(monkeypatch):
     noise = own(grey) - blur(grey)
     assert float(noise.std()) == pytest.approx(float(np.std(expected)), rel=0.02)
     assert float((own(grey, gain=0.05) - blur(grey)).std()) > 5 * float(noise.std())
+    white = 2.3e5 * 2 * 0.0117
+    assert float(own(torch.zeros(300, 400)).std()) == pytest.approx(3.7 / white, rel=0.02)
+    shot = torch.var(noise) - (3.7 / white) ** 2
+    assert float(shot) == pytest.approx(float(blur(grey).mean()) / white, rel=0.02)
     dark = eqx.tree_at(lambda scene: scene.photon_rate, SCENE, jnp.asarray(0.0))
     with pytest.raises(ValueError, match=re.escape("`physics(scene=...)` must have a photon rate")):
         physics(dark, MOTION, SHUTTER)

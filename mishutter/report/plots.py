@@ -632,8 +632,13 @@ def plot_capture(
     camera: str = "",
     decoder: str = "",
 ) -> "Figure":
-    """Draws a capture beside its restoration, and beside the subject if that is a photograph."""
-    frames = captured if isinstance(captured, Mapping) else {"captured": captured}
+    """Draws a capture beside its restoration, and beside the subject if that is a photograph.
+
+    Of several frames each is shown as bright as the restoration: a short one is nearly black.
+    """
+    frames = dict(captured) if isinstance(captured, Mapping) else {"captured": captured}
+    if len(frames) > 1:
+        frames = dict(_as_bright(name, frame, restored) for name, frame in frames.items())
     names, last = list(frames), len(frames) - 1
     lines = textwrap.wrap(camera, _LETTERS_OF_A_PANEL) or [""]
     # Names of panels stand in one line.
@@ -662,6 +667,15 @@ def plot_capture(
         _show(axes, _shrunk(picture, max(1, columns // 1000)), title)
         axes.set_aspect(aspect, anchor="S")  # the title is above
     return figure
+
+
+def _as_bright(name: str, frame: np.ndarray, restored: np.ndarray) -> tuple[str, np.ndarray]:
+    """A frame of the mean light of its restoration, and a name that says how much that changes."""
+    own, level = float(np.mean(frame)), float(np.mean(restored))
+    times = level / own if own > 0 and level > 0 else 1.0
+    if 0.8 < times < 1.25:
+        return name, frame
+    return f"{name}, shown {times:.2g} times as bright", times * frame
 
 
 def _shrunk(picture: np.ndarray, times: int) -> np.ndarray:

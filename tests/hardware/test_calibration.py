@@ -30,7 +30,7 @@ from mishutter.hardware.calibration.likelihood import (
     _strength_and_place,
     _trace_samples,
 )
-from mishutter.hardware.calibration.measurements import Measurements
+from mishutter.hardware.calibration.measurements import Measurements, read_measurements
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
 from mishutter.hardware.calibration.uncertainty import error_bars
 from mishutter.hardware.traces import Trace
@@ -415,3 +415,42 @@ def test_a_trace_beside_pictures_is_the_fits_own():
     assert found.sensor == SensorLevels()
     np.testing.assert_array_equal(found.trace.level, [0, 3, 1])
     assert _measurements(given, SENSOR, None).sensor is SENSOR
+
+
+def test_a_list_of_measurements_has_its_numbers(tmp_path):
+    """Of the sensor, of targets along columns, of a speed that is told or not, and of a trace."""
+    random = np.random.default_rng(3)
+    first, second = random.integers(0, 900, (2, 21, 4)).astype(float)
+    second += 0.25
+    (tmp_path / "a.csv").write_text("\n".join(",".join(map(str, row)) for row in first))
+    np.save(tmp_path / "b.npy", second)
+    rows = "\n".join(f"{t},{t**2},{-t}" for t in range(40))
+    (tmp_path / "t.csv").write_text(f"time (ms),CH1,CH2\n{rows}\n")
+    (tmp_path / "bench.toml").write_text(
+        """
+        [[picture]]
+        path = "a.csv"
+        target = "edge"
+        speed_px_per_s = -2400
+        [[picture]]
+        path = "b.npy"
+        [sensor]
+        electrons_per_level = 2.5
+        read_noise_e = 3.5
+        black_level = 60
+        full_level = 4000
+        axis = "columns"
+        [trace]
+        path = "t.csv"
+        column = "CH2"
+        """
+    )
+    found = read_measurements(tmp_path / "bench.toml")
+    edge, point = found.pictures
+    assert (edge.target, edge.speed, edge.is_rounded) == ("edge", -2400.0, True)
+    assert (point.target, point.speed, point.is_rounded) == ("point", None, False)
+    np.testing.assert_array_equal(edge.levels, first.T)
+    np.testing.assert_array_equal(point.levels, second.T)
+    assert found.sensor == SensorLevels(2.5, 3.5, 60.0, 4000.0)
+    np.testing.assert_allclose(found.trace.time, np.arange(40) / 1e3)
+    np.testing.assert_array_equal(found.trace.level, -np.arange(40.0))

@@ -359,3 +359,12 @@ def test_white_is_that_of_the_fewest_bits(most, white):
     frames[1, 7, 9] = 16384
     assert a_clip(frames).white == 65535
     assert a_clip(np.minimum(frames, 200).astype(np.uint8)).white == 255
+
+
+@pytest.mark.parametrize("scheme", [1, 5, 8, 32773, 32946, 34925, 50000])
+def test_compressions_that_keep_every_level_are_read(scheme, tmp_path):
+    """By TIFF's numbers: none, LZW, Deflate's two, PackBits, LZMA and Zstandard."""
+    tifffile.imwrite(
+        tmp_path / "a.tif", FRAMES.astype(np.uint8), compression=scheme, photometric="minisblack"
+    )
+    np.testing.assert_array_equal(a_clip(tmp_path / "a.tif").frames, FRAMES.astype(np.uint8))

@@ -58,6 +58,10 @@ def test_labels_are_where_objects_are(motion):
         speeds = [np.hypot(*(np.array(t.velocity) - each.velocity)) for t in CLIP.things]
         assert own.argmax() == 1 + int(np.argmin(speeds))
     assert abs(motion.share_at_rest - np.mean(truth == 0)) < 0.06
+    assert motion.share_at_rest == pytest.approx(np.mean(motion.labels == 0))
+    assert motion.share_unexplained == pytest.approx(np.mean(motion.labels < 0))
+    areas = [each.area for each in motion.objects]
+    assert areas == sorted(areas, reverse=True)
     begins = np.sum((truth[:, 1:] > 0) & (truth[:, :-1] == 0))
     assert motion.width[0] == pytest.approx(np.sum(truth > 0) / begins, rel=0.25)
 

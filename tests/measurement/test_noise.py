@@ -60,6 +60,9 @@ def test_without_black_the_read_noise_is_an_interval():
     assert noise.read_noise == pytest.approx(((low + high) / 2, (high - low) / 4))
     least, most = noise.black_range
     assert least <= 64 <= most + 1
+    # No noise has a square below 0, and no black lies above the darkest block.
+    assert least == pytest.approx(max(0.0, -noise.law.dark / noise.gain.value))
+    assert low == pytest.approx(0, abs=0.7) or least == 0
     of_black = (most - least) / np.sqrt(12) / (CLIP.full - (most + least) / 2)
     value, error = noise.electrons_at_white
     gain = noise.gain.error / noise.gain.value

@@ -239,16 +239,17 @@ def test_errors_stand_where_answers_read_them(measurement, tmp_path):
     ("level", "contrast", "expected"), [(0.01, 0.0, True), (0.01, 0.08, False), (0.2, 0.0, False)]
 )
 def test_a_background_is_empty_if_it_is_dark_and_shows_nothing(level, contrast, expected):
-    """Beside a thing of 0.3 of white and a contrast of 0.1, in the noise of 400 levels."""
+    """Beside a thing of 0.3 of white and a contrast of 0.1, in the noise of four frames."""
     random, shape = np.random.default_rng(8), (96, 128)
     rows, columns = np.indices(shape)
     thing = np.hypot(rows - 44, columns - 60) < 26
     detail = ndimage.gaussian_filter(random.normal(size=shape), 1.5)
     detail *= np.where(thing, 0.1, contrast) / detail.std()
     light = np.where(thing, 0.3, level) + detail
-    levels = 50 + 1000 * light + 20 * random.normal(size=shape)
-    law = Law(dark=400.0, gain=0.0, floor=1.0)
-    assert is_empty(Averaged(levels, np.ones(shape)), ~thing, law, 50.0) is expected
+    levels = 50 + 1000 * light + 40 / 2 * random.normal(size=shape)
+    law = Law(dark=1600.0, gain=0.0, floor=1.0)
+    picture = Averaged(levels, np.full(shape, 4.0))
+    assert is_empty(picture, ~thing, law, 50.0) is expected
 
 
 def test_before_an_empty_background_the_scene_is_of_what_moves(measurement, monkeypatch):
@@ -357,3 +358,67 @@ def test_what_leaves_an_axis_has_its_cost():
     assert "costs 1.3 dB of a moving sensor's gain, or 0.5 dB by a design for it" in first
     (only,) = along_axis([an_object(300, 14, 5000), an_object(-300, 14, 5000)]).sentences
     assert only == "One axis explains the motion: 5% of the speed goes across it."
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1, 1900), (3, 0)])
+def test_levels_of_another_black_or_another_step_are_the_same_camera(
+    measurement, scale, offset, monkeypatch
+):
+    """Electrons, noise, light and its difference stay; the gain is in levels."""
+    monkeypatch.setattr(
+        "mishutter.measurement.measurement.motion_of", lambda *_: measurement.motion
+    )
+    levels, dark = (scale * each.astype(np.int32) + offset for each in (CLIP.levels(), CLIP.dark()))
+    told = TOLD | {"white": float(scale * CLIP.full + offset)}
+    found = ms.measure(levels, dark=dark, **told)
+    for name in ("electrons_at_white", "read_noise"):
+        assert getattr(found.noise, name) == pytest.approx(
+            getattr(measurement.noise, name), rel=0.02
+        )
+    assert found.noise.gain.value == pytest.approx(scale * measurement.noise.gain.value, rel=0.01)
+    assert found.noise.black.value == pytest.approx(
+        scale * measurement.noise.black.value + offset, abs=0.01 * scale
+    )
+    assert found.level_difference == pytest.approx(measurement.level_difference, rel=0.01)
+    np.testing.assert_allclose(found.light, measurement.light, atol=2e-3)
+
+
+def test_a_clip_on_its_side_is_the_same_scene_on_its_side(measurement):
+    """Its axis, velocities, errors, places and lengths are those of rows and columns exchanged."""
+    frames, dark = (np.swapaxes(each, 1, 2) for each in (CLIP.levels(), CLIP.dark()))
+    found = ms.measure(np.ascontiguousarray(frames), dark=np.ascontiguousarray(dark), **TOLD)
+    assert (measurement.along.axis, found.along.axis) == ("rows", "columns")
+    assert found.along.speeds == pytest.approx(measurement.along.speeds, rel=0.02)
+    for own, other in zip(found.motion.objects, measurement.motion.objects, strict=True):
+        assert own.velocity == pytest.approx(other.velocity[::-1], abs=4)
+        assert own.error == pytest.approx(other.error[::-1], rel=0.3)
+        assert own.centre == pytest.approx(other.centre[::-1], abs=2)
+    assert found.motion.width == pytest.approx(measurement.motion.width[::-1], rel=0.1)
+    assert np.mean(found.motion.labels.T == measurement.motion.labels) > 0.97
+    assert found.noise.electrons_at_white.value == pytest.approx(
+        measurement.noise.electrons_at_white.value, rel=0.02
+    )
+    np.testing.assert_allclose(found.light.mean(), measurement.light.mean(), rtol=0.02)
+    for name in ("mean_level", "deviation"):
+        numbers = [float(getattr(each.scene.picture, name)) for each in (found, measurement)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.03)
+
+
+def test_findings_are_told_in_words(measurement):
+    """Light and noise with their errors, what stands still and what has no velocity."""
+    noise = measurement.noise
+    motion = replace(measurement.motion, share_at_rest=0.756, share_unexplained=0.023)
+    found = replace(measurement, motion=motion).sentences
+    value, error = noise.electrons_at_white
+    assert found[0] == f"White holds {value:.4g} +- {error:.2g} photo-electrons."
+    value, error = noise.read_noise
+    assert found[1] == f"The read noise is {value:.3g} +- {error:.2g} e-."
+    assert found[2] == "76% of the picture stands still, and 2 objects move."
+    assert found[3].startswith("2.3% of the picture changes without a velocity")
+    alone = replace(motion, objects=motion.objects[:1], share_unexplained=0.004)
+    assert replace(measurement, motion=alone).sentences[2].endswith("and 1 object moves.")
+    unknown = replace(noise, read_noise_range=(1.25, 6.5))
+    said = replace(measurement, noise=unknown).sentences[1]
+    assert said == "The read noise lies from 1.2 to 6.5 e-: black is not known."
+    still = replace(measurement, motion=replace(motion, objects=(), share_unexplained=0.0))
+    assert still.sentences[2] == "Nothing was seen to move."

@@ -7,13 +7,14 @@ import pytest
 from scipy import ndimage
 
 from mishutter.measurement.clip import Clip
-from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.motion import (
     Motion,
     MovingObject,
     _is_same,
     _lead,
     _leap,
+    _track,
     read_in_turn,
 )
 from mishutter.measurement.noise import _black_of, _gain_of, _of_one_dark, _others, _read_of
@@ -30,8 +31,8 @@ from mishutter.measurement.photon_transfer import (
     transfer_of,
 )
 from mishutter.measurement.scene import _quantile, along_axis
+from mishutter.measurement.signs import _correlates, signs_of, too_narrow
 from mishutter.measurement.signs import _leap as _leap_of_variance
-from mishutter.measurement.signs import too_narrow
 from mishutter.measurement.steady import (
     Steady,
     _moves,
@@ -41,7 +42,7 @@ from mishutter.measurement.steady import (
     means,
 )
 from mishutter.measurement.texture import averaged, is_mosaic
-from mishutter.pictures.registration.sweep import Sweep
+from mishutter.pictures.registration.sweep import Smoothed, Sweep
 
 ENDS = -np.inf, np.inf
 
@@ -296,6 +297,24 @@ def test_a_leap_is_so_many_usual_steps():
     assert _leap(np.arange(3), np.array([0, 1, 3])[:, None] * velocity, velocity) is None
 
 
+def test_a_thing_is_tracked_over_a_frame_that_was_lost():
+    """Its way is so many px from the reference, before and after it, as far as it is seen."""
+    random = np.random.default_rng(2)
+    texture = 9 * ndimage.gaussian_filter(random.normal(size=(96, 128)), 1.2)
+    numbers = [0, 1, 2, 3, 5, 6, 7]
+    frames = np.stack([np.roll(texture, (2 * k, -3 * k), (0, 1)) for k in numbers])
+    frames[6] = np.roll(frames[6], 40, 0)  # nothing of it is seen any more
+    frames = (frames + random.normal(size=frames.shape)).astype(np.float32)
+    mask = np.zeros((96, 128), bool)
+    mask[40:62, 50:84] = True
+    fine = Smoothed.of(frames, np.arange(7.0), 1.0)
+    times, places = _track(fine, 2, np.array([2.0, -3.0]), mask)
+    assert times.tolist() == [0, 1, 2, 3, 4, 5]
+    wanted = (np.array(numbers[:6]) - 2)[:, None] * np.array([2, -3])
+    np.testing.assert_allclose(places, wanted, atol=0.1)
+    assert _leap(times, places, np.array([2.0, -3.0])) == (3, 2)
+
+
 def test_a_lead_is_that_of_the_tiles_about_the_middle():
     """A tenth of the logarithm of the likelihood; the thing is farther to the right than down."""
     velocities = np.array([(0.0, 0.0), (4.0, 0.0), (8.0, 0.0)])
@@ -475,3 +494,61 @@ def test_bands_need_four_frames_and_four_blocks_of_rows():
     assert bands_of_light(frames) == pytest.approx(wanted, rel=0.15)
     assert bands_of_light(frames[:3]) == 0
     assert bands_of_light(frames[:, :24]) == 0
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+@pytest.mark.parametrize(("share", "wanted"), [(1.0, 0.25), (-0.5, -0.2), (0.0, None)])
+def test_neighbours_correlate_along_either_axis(axis, share, wanted):
+    """Down or across alone, as after smoothing or sharpening; the mean of both is said."""
+    noise = np.random.default_rng(3).normal(size=(3, 96, 130))
+    frames = noise + share * np.roll(noise, 1, axis)
+    refusal = _correlates(frames, np.ones((2, 12, 16), bool))
+    assert (refusal is None) == (wanted is None)
+    if wanted is not None:
+        assert float(refusal.reason.split()[-1]) == pytest.approx(wanted, abs=0.02)
+    assert _correlates(frames, np.zeros((2, 12, 16), bool)) is None
+
+
+def test_a_shake_is_found_by_some_pixels_of_a_large_picture(monkeypatch):
+    """Every third along both axes, with slopes of neighbours, tells the same within its error."""
+    random = np.random.default_rng(3)
+    light = 80 * ndimage.gaussian_filter(random.normal(size=(210, 260)), 1.5)
+    frames = np.array([light] * 5, np.float32)
+    frames[3] = ndimage.shift(light, (0.2, -0.1), order=3, mode="nearest")
+    frames += random.normal(size=frames.shape).astype(np.float32)
+    of_all, error, _ = _moves(frames)
+    monkeypatch.setattr("mishutter.measurement.steady._MOST_PIXELS", 10_000)
+    of_some, larger, _ = _moves(frames)
+    np.testing.assert_allclose(of_some, of_all, atol=4 * larger)
+    np.testing.assert_allclose(of_some[3] - of_some[0], [0.2, -0.1], atol=0.02)
+    assert error < larger < 2 * error
+
+
+@pytest.mark.parametrize(
+    ("excess", "other", "focus", "reason"),
+    [
+        ((0.1, 0.01), True, 0.0, "what has detail has 10% more of it"),
+        ((0.2, 0.01), False, 0.0, "what has detail has 20% more of it"),
+        ((0.1, 0.01), False, 0.0, None),
+        ((0.1, 0.03), True, 0.0, "another"),
+        ((0.03, 0.001), True, 0.0, "another"),
+        ((0.03, 0.001), True, 0.1, "the focus drifts"),
+        ((0.03, 0.001), False, 0.1, None),
+    ],
+)
+def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypatch):
+    """Where edges have more noise than chance gives them, or the focus drifts."""
+    another = Refusal("the noise", "another", "remedy") if other else None
+    for name in ("_repeats", "_steps_of_eight", "_correlates", "_bends"):
+        monkeypatch.setattr(f"mishutter.measurement.signs.{name}", lambda *_: None)
+    monkeypatch.setattr("mishutter.measurement.signs._is_filtered", lambda *_: another)
+    monkeypatch.setattr("mishutter.measurement.signs.detail_excess", lambda *_: Estimate(*excess))
+    blocks, frames = some_blocks(), np.zeros((2, 48, 56), np.float32)
+    clip = Clip(frames, 50.0, None, 1000.0, 1.0, ENDS)
+    transfer = Transfer(
+        *(Law(1.0, 1.0, 0.1), blocks, blocks, 1.0, np.zeros((2, 2)), Estimate(0.0, 1.0)),
+        np.ones((1, 1, 900), bool),
+    )
+    steady = Steady.of(frames)._replace(focus=focus)
+    found = signs_of(clip, steady, transfer, None)
+    assert [each.reason[: len(reason or "")] for each in found] == [reason] * (reason is not None)

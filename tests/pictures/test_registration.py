@@ -6,6 +6,7 @@ from scipy import ndimage
 
 from mishutter.pictures.registration.refinement import Prior, Told, push_of_light, refined
 from mishutter.pictures.registration.search import (
+    Search,
     _costs,
     _gain,
     _window,
@@ -282,6 +283,33 @@ def test_each_pixel_has_the_velocity_that_explains_it(smooth):
     labels = explained(smooth, np.array([[-1.0, 1.5], [1.0, -1.5]]), 2)
     assert np.mean(labels[5:25, 5:-5] == 0) > 0.95
     assert np.mean(labels[37:-8, 8:-8] == 2) > 0.95
+
+
+def test_what_is_explained_is_not_looked_for_again(smooth, monkeypatch):
+    """By the better of rest and a velocity; without that, the part that moves is looked at."""
+    search = Search.of((smooth, smooth), 2, 1, 300)
+    where = np.zeros((60, 74), bool)
+    where[5:25, 8:-8], where[37:-8, 8:-8] = True, True
+    parts = []
+
+    def best_of_part(_, part, width):
+        parts.append(part)
+        return np.zeros(2)
+
+    monkeypatch.setattr(Search, "best_of_part", best_of_part)
+    search.about_found(0.5, where)
+    (part,) = parts
+    assert np.mean(part[40:48, 12:-12]) > 0.9
+    assert not part[:30].any()
+    velocity = np.array([1.0, -1.5])
+    cost, won = search.won(velocity)
+    assert np.mean(won[40:48, 12:-12]) > 0.9
+    assert np.mean(won[5:25, 8:-8]) < 0.05
+    search.add(velocity, cost)
+    search.about_found(0.5, where)
+    assert len(parts) == 1
+    assert not search.is_new(velocity + 0.05)
+    assert search.reach == 2.0
 
 
 def test_a_region_costs_least_along_its_velocity(smooth):
