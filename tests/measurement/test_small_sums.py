@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from mishutter.measurement.clip import Clip
-from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.motion import (
     Motion,
     MovingObject,
@@ -31,8 +31,8 @@ from mishutter.measurement.photon_transfer import (
     transfer_of,
 )
 from mishutter.measurement.scene import _quantile, along_axis
+from mishutter.measurement.signs import _correlates, signs_of, too_narrow
 from mishutter.measurement.signs import _leap as _leap_of_variance
-from mishutter.measurement.signs import too_narrow
 from mishutter.measurement.steady import (
     Steady,
     _moves,
@@ -494,3 +494,61 @@ def test_bands_need_four_frames_and_four_blocks_of_rows():
     assert bands_of_light(frames) == pytest.approx(wanted, rel=0.15)
     assert bands_of_light(frames[:3]) == 0
     assert bands_of_light(frames[:, :24]) == 0
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+@pytest.mark.parametrize(("share", "wanted"), [(1.0, 0.25), (-0.5, -0.2), (0.0, None)])
+def test_neighbours_correlate_along_either_axis(axis, share, wanted):
+    """Down or across alone, as after smoothing or sharpening; the mean of both is said."""
+    noise = np.random.default_rng(3).normal(size=(3, 96, 130))
+    frames = noise + share * np.roll(noise, 1, axis)
+    refusal = _correlates(frames, np.ones((2, 12, 16), bool))
+    assert (refusal is None) == (wanted is None)
+    if wanted is not None:
+        assert float(refusal.reason.split()[-1]) == pytest.approx(wanted, abs=0.02)
+    assert _correlates(frames, np.zeros((2, 12, 16), bool)) is None
+
+
+def test_a_shake_is_found_by_some_pixels_of_a_large_picture(monkeypatch):
+    """Every third along both axes, with slopes of neighbours, tells the same within its error."""
+    random = np.random.default_rng(3)
+    light = 80 * ndimage.gaussian_filter(random.normal(size=(210, 260)), 1.5)
+    frames = np.array([light] * 5, np.float32)
+    frames[3] = ndimage.shift(light, (0.2, -0.1), order=3, mode="nearest")
+    frames += random.normal(size=frames.shape).astype(np.float32)
+    of_all, error, _ = _moves(frames)
+    monkeypatch.setattr("mishutter.measurement.steady._MOST_PIXELS", 10_000)
+    of_some, larger, _ = _moves(frames)
+    np.testing.assert_allclose(of_some, of_all, atol=4 * larger)
+    np.testing.assert_allclose(of_some[3] - of_some[0], [0.2, -0.1], atol=0.02)
+    assert error < larger < 2 * error
+
+
+@pytest.mark.parametrize(
+    ("excess", "other", "focus", "reason"),
+    [
+        ((0.1, 0.01), True, 0.0, "what has detail has 10% more of it"),
+        ((0.2, 0.01), False, 0.0, "what has detail has 20% more of it"),
+        ((0.1, 0.01), False, 0.0, None),
+        ((0.1, 0.03), True, 0.0, "another"),
+        ((0.03, 0.001), True, 0.0, "another"),
+        ((0.03, 0.001), True, 0.1, "the focus drifts"),
+        ((0.03, 0.001), False, 0.1, None),
+    ],
+)
+def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypatch):
+    """Where edges have more noise than chance gives them, or the focus drifts."""
+    another = Refusal("the noise", "another", "remedy") if other else None
+    for name in ("_repeats", "_steps_of_eight", "_correlates", "_bends"):
+        monkeypatch.setattr(f"mishutter.measurement.signs.{name}", lambda *_: None)
+    monkeypatch.setattr("mishutter.measurement.signs._is_filtered", lambda *_: another)
+    monkeypatch.setattr("mishutter.measurement.signs.detail_excess", lambda *_: Estimate(*excess))
+    blocks, frames = some_blocks(), np.zeros((2, 48, 56), np.float32)
+    clip = Clip(frames, 50.0, None, 1000.0, 1.0, ENDS)
+    transfer = Transfer(
+        *(Law(1.0, 1.0, 0.1), blocks, blocks, 1.0, np.zeros((2, 2)), Estimate(0.0, 1.0)),
+        np.ones((1, 1, 900), bool),
+    )
+    steady = Steady.of(frames)._replace(focus=focus)
+    found = signs_of(clip, steady, transfer, None)
+    assert [each.reason[: len(reason or "")] for each in found] == [reason] * (reason is not None)
