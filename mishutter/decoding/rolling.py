@@ -22,6 +22,7 @@ import jax
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Int
+from numpy.typing import DTypeLike
 
 from mishutter.blur.waves import waves_in_plane, waves_on_dft
 from mishutter.camera.plane_frames import frequencies_on
@@ -44,11 +45,15 @@ Waves = Callable[[Instants, Float[np.ndarray, "s axes"]], Complex[np.ndarray, "n
 
 
 def waves_of(
-    instants: Instants, velocities: Float[np.ndarray, "s axes"], shape: tuple[int, ...]
+    instants: Instants,
+    velocities: Float[np.ndarray, "s axes"],
+    shape: tuple[int, ...],
+    dtype: DTypeLike = np.float64,
 ) -> Complex[np.ndarray, "n s *k"]:
     """Responses of open pixels at some velocities, displacements included, on the grid of a DFT."""
     time, weight = instants.time[:, None], instants.weight[:, None]
     displaced = instants.place[:, :, None] - velocities.T[:, None, :, None] * time
+    displaced = displaced.astype(dtype)
     if len(shape) == 1:
         each = zip(displaced[0], weight, strict=True)
         return np.stack([waves_on_dft(x, w, *shape, shape[0] // 2 + 1) for x, w in each])

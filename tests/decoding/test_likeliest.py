@@ -6,7 +6,7 @@ import pytest
 from mishutter import Scene
 from mishutter.decoding.likeliest import (
     Canvas,
-    _near,
+    _together,
     complete,
     detail_of,
     fit_of,
@@ -70,7 +70,7 @@ def test_waves_of_most_power_are_found_at_once(monkeypatch):
     light = canvas.spectrum(random.normal(size=(2, *shape)))
     light[:, power < np.sort(power, axis=None)[-40]] = 0.0
     told = canvas.gathered(responses, (canvas.through(one, light) for one in responses))
-    found = _near(canvas, responses)(told + light / power)
+    found = _together(canvas, responses)(told + light / power)
     np.testing.assert_allclose(found[light != 0], light[light != 0], rtol=1e-9)
 
 

@@ -27,7 +27,7 @@ from mishutter import (
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.decoding.frame_doubts import doubt_of_rows
 from mishutter.decoding.frame_likelihood import Own, Prior
-from mishutter.decoding.likeliest import _near, noises_of
+from mishutter.decoding.likeliest import _together, noises_of
 from mishutter.decoding.rolling import RowTimes, _on_grid
 from mishutter.design.design import Outcome
 
@@ -161,7 +161,9 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
         responses = level.responses(VELOCITY[None])
         light = light[None] * (canvas.power >= np.sort(canvas.power, axis=None)[-20])
         each = (one.seen(light) for one in responses)
-        again = _near(canvas, responses)(canvas.gathered(responses, each) + light / canvas.power)
+        again = _together(canvas, responses)(
+            canvas.gathered(responses, each) + light / canvas.power
+        )
         np.testing.assert_allclose(again[light != 0], light[light != 0], rtol=0.02)
         if kind == "still":
             middle = level._replace(rows=None).responses(VELOCITY[None])[:, 0]
