@@ -17,7 +17,7 @@ from mishutter.evaluation.bursts import (
     some_numbers,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
-from mishutter.evaluation.fans import MEASURED, Grid
+from mishutter.evaluation.fans import MEASURED, SEARCHED
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.sequences import loss_of_width, with_losses
 from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
@@ -52,8 +52,6 @@ from mishutter.search.frame_ties import (
 
 _AS_GOOD = 0.05
 """Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
-_SEARCHED = Grid(24, 8, 16)
-"""The grid of a search."""
 _MOST = 64
 """Most frames of a search."""
 _PIECES_OF_SINES, _PIECES_OF_FREE = 16, 16
@@ -241,7 +239,7 @@ class _PlaneSearch(NamedTuple):
         room = Room.of(self.scene.limits, self.times, self.law.fastest)
         top = float(self.scene.limits.max_top_speed) - float(np.hypot(*self.offset))
         room = room._replace(top_speed=min(room.top_speed, top), turns=False)
-        levels = Levels.in_plane(self.scene, _SEARCHED, unit, self.offset)
+        levels = Levels.in_plane(self.scene, SEARCHED, unit, self.offset)
         return _Stage(self, unit, along, levels, room)
 
 
@@ -264,7 +262,7 @@ class _Stage(NamedTuple):
     def _tie(self, kind: str, shape: Shape) -> Tie:
         """Frames of few numbers, about the mean of the things."""
         law, offset = self.search.law, self.search.offset
-        speeds, weights = law.components(np.array([law.axis]), _SEARCHED.num_speeds)
+        speeds, weights = law.components(np.array([law.axis]), SEARCHED.num_speeds)
         occurring = np.asarray(speeds)[np.asarray(weights) > 0] - self.along @ offset
         centre = law.centre - offset
         aside = centre - (centre @ self.along) * self.along
@@ -347,7 +345,7 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
 
 def grid_words() -> str:
     """The computations of a search in the plane, in words."""
-    radii, angles, speeds, corner = _SEARCHED
+    radii, angles, speeds, corner = SEARCHED
     finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
     ways = ", ".join((STILLS, BRACKETED, *WAYS, CIRCLE, TWO_SINES, CROSSED, RING))
     return (

@@ -454,7 +454,7 @@ def starts_alone(monkeypatch):
 
     monkeypatch.setattr(Descent, "tied", tied)
     monkeypatch.setattr(Descent, "free", lambda self, x: End(FREE, x, self.levels.level(x)))
-    monkeypatch.setattr(plane_frames, "_SEARCHED", COARSE)
+    monkeypatch.setattr(plane_frames, "SEARCHED", COARSE)
     monkeypatch.setattr(plane_frames, "exposures_psnr", _level)
     monkeypatch.setattr(plane_frames, "exposures_ceiling", _ceiling)
 
