@@ -552,3 +552,13 @@ def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypat
     steady = Steady.of(frames)._replace(focus=focus)
     found = signs_of(clip, steady, transfer, None)
     assert [each.reason[: len(reason or "")] for each in found] == [reason] * (reason is not None)
+
+
+@pytest.mark.parametrize(("deviation", "exceeds"), [(0.39, False), (0.41, True)])
+def test_noise_of_two_fifths_of_a_step_exceeds_it(deviation, exceeds):
+    """Beside that of rounding, at the level whose noise it is."""
+    law = Law(9 * (deviation**2 + 1 / 12) - 70.0, 0.7, 1e-9)
+    np.testing.assert_array_equal(
+        law.exceeds_steps(np.array([90.0, 100.0, 200.0]), 3.0)[1:], [exceeds, True]
+    )
+    assert not law.exceeds_steps(np.array([90.0]), 3.0)[0]
