@@ -50,6 +50,7 @@ from mishutter.search.frame_ties import (
     WAYS_ON_TWO_AXES,
     Tie,
 )
+from mishutter.search.frame_words import kind_of
 
 _AS_GOOD = 0.05
 """Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
@@ -171,7 +172,7 @@ class _PlaneSearch(NamedTuple):
             bursts += self._on_two_axes(one, along, bursts, progress)
         at_rest = self._replace(offset=np.zeros(2)).stage(1)
         snapshot = self._bursts(at_rest, [at_rest.best(STILLS, 1)], 0)[0]
-        return PlaneSearch(snapshot, tuple(bursts), self._ceiling)
+        return PlaneSearch(snapshot, _best_of_each(bursts), self._ceiling)
 
     def before_background(self) -> PlaneSearch:
         """The best frames at rest, in the best order."""
@@ -240,9 +241,9 @@ class _PlaneSearch(NamedTuple):
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        kind = end.kind if burst.num_axes or not num_axes else STILLS
         psnr = float(exposures_psnr(self.scene, made))
-        return exposures_in_plane(self.scene, kind, made, psnr, width_loss=loss)
+        found = exposures_in_plane(self.scene, end.kind, made, psnr, width_loss=loss)
+        return replace(found, kind=kind_of(found) if found.num_axes or not num_axes else STILLS)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""
@@ -339,6 +340,16 @@ class _Stage(NamedTuple):
         times[-1] = gap
         values = [np.interp(times, *each) for each in own]
         return np.diff(times), np.stack(values, axis=-1)[1:]
+
+
+def _best_of_each(bursts: Sequence[Exposures]) -> tuple[Exposures, ...]:
+    """The best of those that go the same way on as many axes, found from whatever tie."""
+    kept: dict[tuple[int, str], Exposures] = {}
+    for burst in bursts:
+        before = kept.get(key := (burst.num_axes, burst.kind))
+        if before is None or burst.level > before.level + _AS_GOOD / 2:
+            kept[key] = burst
+    return tuple(kept.values())
 
 
 def _resampled(frames: Frames, pieces: int) -> Frames:

@@ -25,7 +25,7 @@ from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.windows import RectShutter
-from mishutter.search.frame_ties import BRACKETED, FREE, STILLS, WAYS, WAYS_ON_TWO_AXES
+from mishutter.search.frame_ties import BRACKETED, FREE, STILLS, SWINGS, WAYS, WAYS_ON_TWO_AXES
 
 Choice = TypeVar("Choice")
 """Exposures along an axis, or in the plane."""
@@ -46,7 +46,7 @@ _NEEDS = {
     TURNS: "turning camera",
 }
 """The needs of these parts in words: any camera takes frames, and software registers."""
-_IN_PLANE = (STILLS, BRACKETED, *WAYS, *WAYS_ON_TWO_AXES, FREE)
+_IN_PLANE = (STILLS, BRACKETED, *WAYS, SWINGS, *WAYS_ON_TWO_AXES, FREE)
 """The ways of frames in the plane, the simplest first."""
 ONE_EXPOSURE = frozenset({STAGE, SHUTTER})
 """Parts that a camera of one exposure may require."""
