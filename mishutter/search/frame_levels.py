@@ -27,6 +27,7 @@ from mishutter.evaluation.levels import Light, in_parts, psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid, require_velocities
+from mishutter.model.velocities import AbstractVelocities
 
 _NUM_FREQUENCIES, _NUM_LITERAL = 48, 256
 """Frequencies of a search, and of a level that is told."""
@@ -34,6 +35,8 @@ _NUM_POWERS = 8192
 """Frequencies of an axis at which its power is known."""
 _NUM_SPEEDS = 17
 """Speeds that stand for a range at each frequency."""
+_TURNS = 8
+"""Choices of components in the plane, of which each frequency has one."""
 _LEAST_RANGE = 5
 """Speeds in equal steps that are a range and no list."""
 _SHIFT = 1e-5
@@ -112,11 +115,11 @@ class Levels(NamedTuple):
         fan, light = Fan.of(scene, grid, turned=True), Light.of(scene)
         turn = np.stack([np.cos(fan.direction), np.sin(fan.direction)], axis=-1)
         frequency = np.asarray(fan.radius[:, None, None] * turn, np.float64).reshape(-1, 2)
-        parts = require_velocities(scene).components(np.ravel(fan.direction), grid.num_speeds)
-        speeds, shares = (np.asarray(x, np.float64) for x in parts)
+        law = require_velocities(scene)
+        speeds, shares = _turned_components(law, np.ravel(fan.direction), grid.num_speeds)
         temporal = np.hypot(*frequency.T)[:, None] * speeds - (frequency @ offset)[:, None]
         power = float(scene.picture.deviation) ** 2 * np.ravel(np.asarray(fan.weight))
-        weight = np.broadcast_to(power[:, None] * shares, temporal.shape)
+        weight = power[:, None] * shares
         signal = np.ravel(np.asarray(light.signal(fan), np.float64))
         return Levels(frequency @ unit.T, temporal, weight, signal, light)
 
@@ -281,6 +284,25 @@ def _straight(
     fourth = np.where(near, 1 / 5, -second - 2 * third / z + 4 * second / z**2 - 4 * odd / z**3)
     # The k-th derivative of the whole is $(-i)^k$ times the k-th moment.
     return even + 1j * c * second, 1j * odd - c * third, -second - 1j * c * fourth
+
+
+def _turned_components(
+    law: AbstractVelocities, direction: Float[np.ndarray, "m"], count: int
+) -> tuple[Float[np.ndarray, "m l"], Float[np.ndarray, "m l"]]:
+    """Components of velocities along some directions, others along each, and their weights.
+
+    Few that are alike would be exploited, as speeds of one axis would.
+    """
+    is_list = law.cells(1) is None
+    parts = law.components(direction, count if is_list else count * _TURNS)
+    sizes = direction.size, np.shape(parts[0])[1]
+    speeds, shares = (np.broadcast_to(np.asarray(x, np.float64), sizes) for x in parts)
+    if is_list:
+        return speeds, shares
+    first = np.floor(np.arange(direction.size) * GOLDEN % 1 * _TURNS).astype(int)
+    own = first[:, None] + _TURNS * np.arange(count)
+    speeds, shares = (np.take_along_axis(x, own, axis=1) for x in (speeds, shares))
+    return speeds, shares / np.sum(shares, axis=1, keepdims=True)
 
 
 def is_range(speeds: Float[np.ndarray, "n"]) -> bool:
