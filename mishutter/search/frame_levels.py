@@ -103,6 +103,8 @@ class Levels(NamedTuple):
         grid: Grid,
         unit: Float[np.ndarray, "axes 2"],
         offset: Float[np.ndarray, "2"],
+        *,
+        turned: bool = False,
     ) -> "Levels":
         """Those of a scene in the plane, by the velocities of a stage along some axes.
 
@@ -111,12 +113,14 @@ class Levels(NamedTuple):
             grid: Sizes of the fan of frequencies.
             unit: Directions of the axes.
             offset: Velocity of all of the camera beside the stage; px/s.
+            turned: Whether each frequency has velocities of its own, for frames of many numbers,
+                which would exploit what lies between few that are alike.
         """
         fan, light = Fan.of(scene, grid, turned=True), Light.of(scene)
         turn = np.stack([np.cos(fan.direction), np.sin(fan.direction)], axis=-1)
         frequency = np.asarray(fan.radius[:, None, None] * turn, np.float64).reshape(-1, 2)
-        law = require_velocities(scene)
-        speeds, shares = _turned_components(law, np.ravel(fan.direction), grid.num_speeds)
+        law, turns = require_velocities(scene), _TURNS if turned else 1
+        speeds, shares = _components(law, np.ravel(fan.direction), grid.num_speeds, turns)
         temporal = np.hypot(*frequency.T)[:, None] * speeds - (frequency @ offset)[:, None]
         power = float(scene.picture.deviation) ** 2 * np.ravel(np.asarray(fan.weight))
         weight = power[:, None] * shares
@@ -286,21 +290,21 @@ def _straight(
     return even + 1j * c * second, 1j * odd - c * third, -second - 1j * c * fourth
 
 
-def _turned_components(
-    law: AbstractVelocities, direction: Float[np.ndarray, "m"], count: int
+def _components(
+    law: AbstractVelocities, direction: Float[np.ndarray, "m"], count: int, turns: int
 ) -> tuple[Float[np.ndarray, "m l"], Float[np.ndarray, "m l"]]:
-    """Components of velocities along some directions, others along each, and their weights.
+    """Components of velocities along directions, each of which takes one of some choices of them.
 
-    Few that are alike would be exploited, as speeds of one axis would.
+    A list of velocities leaves no choice.
     """
-    is_list = law.cells(1) is None
-    parts = law.components(direction, count if is_list else count * _TURNS)
+    turns = 1 if law.cells(1) is None else turns
+    parts = law.components(direction, count * turns)
     sizes = direction.size, np.shape(parts[0])[1]
     speeds, shares = (np.broadcast_to(np.asarray(x, np.float64), sizes) for x in parts)
-    if is_list:
+    if turns == 1:
         return speeds, shares
-    first = np.floor(np.arange(direction.size) * GOLDEN % 1 * _TURNS).astype(int)
-    own = first[:, None] + _TURNS * np.arange(count)
+    first = np.floor(np.arange(direction.size) * GOLDEN % 1 * turns).astype(int)
+    own = first[:, None] + turns * np.arange(count)
     speeds, shares = (np.take_along_axis(x, own, axis=1) for x in (speeds, shares))
     return speeds, shares / np.sum(shares, axis=1, keepdims=True)
 

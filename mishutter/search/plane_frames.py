@@ -290,8 +290,9 @@ class _Stage(NamedTuple):
 
     def free(self, *ends: "Sequence[End | None]", progress: Callable[[float], None]) -> list[End]:
         """Good ends of descents in which each frame has numbers of its own, from the best ways."""
-        starts: list[End] = []
+        search, starts = self.search, list[End]()
         found: list[End | None] = []
+        levels = Levels.in_plane(search.scene, _SEARCHED, self.unit, search.offset, turned=True)
         for some in ends:
             few = [x for x in some if x and x.frames.exposure.size <= MOST_FREE]
             kinds = {x.kind: x for x in sorted(few, key=lambda x: x.level)}
@@ -302,12 +303,12 @@ class _Stage(NamedTuple):
             shape = Shape(count, max(-(-_PIECES_OF_FREE // count), 1), 2)
             start = _resampled(each.frames, shape.pieces)
             start = shaken(start, np.random.default_rng(count), self.room, 0.01)
-            found.append(Descent(self.levels, self.room, shape).free(start))
+            found.append(Descent(levels, self.room, shape).free(start))
         best = best_of(found)
         if best is None:
             return []
         progress(0.9)
-        found += again(self.levels, self.room, best, near(self.room), times=1)
+        found += again(levels, self.room, best, near(self.room), times=1)
         return [x for x in found if x is not None and x.level >= best.level - 2 * _AS_GOOD]
 
     def made(self, frames: Frames) -> FramePath:
