@@ -96,9 +96,9 @@ def rows_of(name: str) -> tuple[list[dict], list[np.ndarray]]:
     signal = RATE * exposures
     shown = frames.astype(np.float32)
     stills = Stills(shown, times, exposures, signal, READ_NOISE, fastest, moves)
-    truth, found = light[stills.middle], found_in(stills)
     camera = ms.Scene.any_direction(fastest, photon_rate=RATE, read_noise=READ_NOISE)
     known = knowledge_of(camera, stills, in_plane=True)
+    truth, found = light[stills.middle], found_in(stills, known=known)
     misfit = Misfit.of(Sight.of(stills, found, known))
     rows, pictures = [], []
     for kind, decoder in DECODERS.items():

@@ -228,7 +228,7 @@ def row_of(number: int) -> dict:
     )
     row: dict = {"scene": number, "frames": made.num_frames, "rate": made.rate}
     began = time.process_time()
-    found = found_in(stills)
+    found = found_in(stills, known=known)
     row["find s"] = time.process_time() - began
     for name, decoder in DECODERS.items():
         alone_of = Alone.of(stills, known, decoder)

@@ -28,7 +28,7 @@ from benchmarks.bursts import (
     explain_map,
     gains_on_grid,
 )
-from mishutter import BurstMode, Limits, PlaneFrames, Scene, plane_psnr
+from mishutter import BurstMode, Limits, PlaneFrames, Scene, exposures_psnr
 from mishutter.evaluation.fans import SEARCHED
 from mishutter.search.frame_ties import BRACKETED, STILLS, TWO_SINES
 from mishutter.search.plane_frames import _PlaneSearch
@@ -86,8 +86,8 @@ def cell(count: int, light: float, noise: float) -> dict[str, Any]:
     search = _PlaneSearch.of(scene)
     one, two = search.stage(1), search.stage(2)
     found = {}
-    for stage, kind, axes in ((one, STILLS, 0), (one, BRACKETED, 0), (two, TWO_SINES, 2)):
-        (found[kind],) = search._bursts(stage, [stage.best(kind, count)], axes)
+    for stage, kind in ((one, STILLS), (one, BRACKETED), (two, TWO_SINES)):
+        (found[kind],) = search._bursts(stage, [stage.best(kind, count)])
     still = found[STILLS]
     exposure = float(still.frames.exposures[0])
     mean = float(scene.picture.mean_level)
@@ -113,7 +113,7 @@ def unlimited_exposure(scene: Scene, count: int) -> float:
         frames = PlaneFrames(
             exposure * np.arange(count), np.full(count, exposure), np.ones(1), np.zeros((2, 2))
         )
-        return -float(plane_psnr(scene, frames, grid=SEARCHED))
+        return -float(exposures_psnr(scene, frames, grid=SEARCHED))
 
     ends = (math.log(1e-5), math.log(2 * WINDOW))
     end: Any = minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 0.02})

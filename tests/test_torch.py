@@ -84,6 +84,29 @@ def test_it_is_the_capture_on_every_path(slug):
     np.testing.assert_allclose(learnt.numpy(), expected, atol=1e-13)
 
 
+@pytest.mark.parametrize("border", ["scene", "reflect", "edge"])
+def test_a_learnt_camera_sees_along_columns_what_it_sees_along_rows(border):
+    """Of single precision too, with a gradient by the speed, which is that of differences."""
+    turned = eqx.tree_at(lambda scene: scene.optics, ALONG_COLUMNS, SCENE.optics)
+    light = torch.from_numpy(pictures(3, 87, 101))
+
+    def learnt(light, scene, speed):
+        return blurred(light, scene, lambda: (MOTION, SHUTTER), speed=speed, border=border)
+
+    (speed,) = numbers(SPEED)
+    along = learnt(light.mT, turned, speed).mT
+    expected = captured(light.numpy()[None], SCENE, MOTION, border)[0]
+    np.testing.assert_allclose(along.detach().numpy(), expected, atol=1e-12)
+    narrow = learnt(light.float(), SCENE, SPEED)
+    assert narrow.dtype == torch.float32
+    torch.testing.assert_close(narrow.double(), along.detach(), atol=1e-6, rtol=0)
+    weights = torch.from_numpy(np.random.default_rng(5).standard_normal(along.shape))
+    (along * weights).sum().backward()
+    with torch.no_grad():
+        values = [(learnt(light, SCENE, SPEED + d) * weights).sum() for d in (0.01, -0.01)]
+    torch.testing.assert_close(speed.grad, (values[0] - values[1]) / 0.02, rtol=1e-4, atol=0)
+
+
 def test_it_is_the_capture_behind_a_device_that_lags():
     """The fixed operator, as the learnt one, has the light that comes through."""
     device = FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3)
@@ -269,6 +292,9 @@ def test_a_learnt_camera_is_differentiated_by_functions_of_torch():
     light_of(rise, light).backward()
     slope = torch.func.grad(light_of)(rise.detach(), light)
     torch.testing.assert_close(slope, rise.grad)
+    with torch.no_grad():
+        high, low = light_of(rise + 1e-5, light), light_of(rise - 1e-5, light)
+    torch.testing.assert_close(slope, (high - low) / 2e-5, rtol=1e-5, atol=0)
     assert float(slope.abs()) > 1e-4
     assert torch.func.grad(light_of, argnums=1)(rise.detach(), light).shape == light.shape
     line = r"`blurred\(numbers=...\)` must be the same for all pictures; got a batch"
@@ -327,6 +353,10 @@ def test_the_physics_of_deepinv_has_the_noise_of_the_capture(monkeypatch):
     noise = own(grey) - blur(grey)
     assert float(noise.std()) == pytest.approx(float(np.std(expected)), rel=0.02)
     assert float((own(grey, gain=0.05) - blur(grey)).std()) > 5 * float(noise.std())
+    white = 2.3e5 * 2 * 0.0117
+    assert float(own(torch.zeros(300, 400)).std()) == pytest.approx(3.7 / white, rel=0.02)
+    shot = torch.var(noise) - (3.7 / white) ** 2
+    assert float(shot) == pytest.approx(float(blur(grey).mean()) / white, rel=0.02)
     dark = eqx.tree_at(lambda scene: scene.photon_rate, SCENE, jnp.asarray(0.0))
     with pytest.raises(ValueError, match=re.escape("`physics(scene=...)` must have a photon rate")):
         physics(dark, MOTION, SHUTTER)

@@ -151,7 +151,12 @@ def _how_to_go_on(store: Path | None) -> str:
     """The message of an interrupted sweep."""
     if store is None:
         return f"{AGAIN}; with --store PATH a sweep goes on where it was interrupted"
-    return f"the points of whole blocks are saved in {store}; the same command computes the others"
+    from mishutter.sweeps.store import saved_points
+
+    saved, every = saved_points(store) if store.exists() else (0, 0)
+    if not saved:
+        return AGAIN
+    return f"{saved} of {every} points are saved in {store}; the same command goes on"
 
 
 def _halves(

@@ -100,18 +100,24 @@ class StillBursts:
 
     Before a background a frame hides strips beside objects, the wider the further it is from the
     middle, so that the order of long and short frames counts. Without a burst the window is as long
-    as the longest exposure.
+    as the longest exposure. In the plane the camera may turn at a constant velocity, px/s.
     """
 
     def __init__(
-        self, scene: Scene, *, at_worst: bool = False, window: float | None = None
+        self,
+        scene: Scene,
+        *,
+        at_worst: bool = False,
+        window: float | None = None,
+        pan: Float[np.ndarray, "2"] | None = None,
     ) -> None:
         self._window = window_of(scene) if window is None else window
         self._at_worst = at_worst
         most = None if scene.burst is None else scene.burst.max_frames
         self._max_frames = _MOST_FRAMES if most is None else most
         self._shortest, self._longest = _exposures(scene)
-        self._frames = OpenFrames.of(scene, self._longest, folds=True)
+        self._pan = np.zeros(2) if pan is None else pan
+        self._frames = OpenFrames.of(scene, self._longest, folds=True, pan=self._pan)
 
     def error(self, num_frames: int, exposure: float, times: "FrameTimes | None" = None) -> float:
         """Squared error that is left by some frames of an exposure, s; white = 1.
@@ -146,9 +152,9 @@ class StillBursts:
         exposures = [kind.exposure for kind in kinds for _ in range(kind.num_frames)]
         moments = times.moments(exposures)
         if self._frames.in_plane:
-            lasting, rest = np.array(exposures), np.zeros((2, 2))
+            lasting, turning = np.array(exposures), np.tile(self._pan[:, None], 2)
             whole = np.ptp(np.concatenate([moments - lasting / 2, moments + lasting / 2]))
-            path = FramePath(moments, lasting, np.array([whole]), rest)
+            path = FramePath(moments, lasting, np.array([whole]), turning)
             return exposures_in_plane(self._frames.scene, STILLS, path, kinds[0].psnr)
         frames = tuple(
             TimedFrame(StillCamera(half_exposure=exposure / 2), moment)
@@ -179,6 +185,12 @@ class StillBursts:
         _first_best(level, len(every))
         level(len(every))  # one alone waits for no other
         return max(tried.values(), key=lambda burst: burst.psnr)
+
+    def best_sequence(self, times: FrameTimes) -> Exposures:
+        """The best frames of one exposure, or of two where that gains more than decimals hide."""
+        equal = self.best_within(times, of_several=times.holds_several)
+        kinds, level = self.best_bracketed(times)
+        return self.sequence([equal] if level < equal.psnr + 0.005 else kinds, times)
 
     def best_bracketed(self, times: FrameTimes) -> tuple[list[StillBurst], float]:
         """Frames of two exposures in their order, and their level together; dB.
@@ -324,12 +336,7 @@ def best_still_burst(scene: Scene) -> Exposures | None:
     require_known("best_still_burst", scene=scene)
     if scene.burst is None:
         return None
-    bursts, times = StillBursts(scene), FrameTimes.of(scene, scene.burst)
-    equal = bursts.best_within(times, of_several=times.holds_several)
-    kinds, level = bursts.best_bracketed(times)
-    if level < equal.psnr + 0.005:  # two decimals hide it
-        kinds = [equal]
-    return bursts.sequence(kinds, times)
+    return StillBursts(scene).best_sequence(FrameTimes.of(scene, scene.burst))
 
 
 def window_of(scene: Scene) -> float:

@@ -48,7 +48,6 @@ from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.strips import Strips
 from mishutter.model.exposures import Exposures, frames_of, path_for_rows
-from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
@@ -92,10 +91,6 @@ def exposures_psnr(
     require_scene(scene, in_plane=True)
     caller = "exposures_psnr"
     return level_of(scene, exposures, caller, grid, lights=lights, num_panels=num_panels)
-
-
-plane_psnr = exposures_psnr
-"""Its name in earlier versions, for scenes in the plane."""
 
 
 def level_of(
@@ -209,10 +204,8 @@ def velocities_of(scene: Scene) -> tuple[Float[np.ndarray, "v axes"], Float[np.n
     """Velocities that stand for those of a known scene, and their weights."""
     if scene.velocities is not None:
         velocities, weights = (np.asarray(x, np.float64) for x in scene.velocities.stand_ins())
-        if scene.occlusion is None:
-            return velocities, weights
-        share = float(scene.occlusion.front_share)
-        return np.vstack([velocities, np.zeros(2)]), np.append(share * weights, 1 - share)
+        parts = _at_rest_too(scene, Components(velocities.T, weights))
+        return np.asarray(parts.speeds).T, np.asarray(parts.weights)
     speeds, weights = (x.astype(np.float64) for x in distinct_speeds(in_parts(scene), folds=False))
     return speeds[:, None], weights / weights.sum()
 
@@ -235,17 +228,19 @@ def components_on(scene: Scene, fan: Fan, num_speeds: int) -> Components:
     parts = scene.velocities.components(direction.ravel(), num_speeds)
     rows = direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
     parts = Components(*(x.reshape(*rows, -1) for x in parts))
-    return parts if scene.occlusion is None else _at_rest_too(parts, scene.occlusion)
+    return _at_rest_too(scene, parts)
 
 
-def _at_rest_too(objects: Components, layers: Occlusion) -> Components:
-    """Components of objects and of the background at rest behind them."""
-    (share,) = as_numpy(layers.front_share)
-    space = namespace_of(objects.speeds, objects.weights, share)
-    rest = space.zeros_like(objects.speeds[..., :1])
+def _at_rest_too(scene: Scene, objects: Components) -> Components:
+    """Components of objects, and of the background at rest behind them where there is one."""
+    if scene.occlusion is None:
+        return objects
+    (share,) = as_numpy(scene.occlusion.front_share)
+    space = namespace_of(*objects, share)
+    rest, never = (space.zeros_like(x[..., :1]) for x in objects)
     return Components(
         space.concatenate([objects.speeds, rest], axis=-1),
-        space.concatenate([share * objects.weights, 1 - share + rest], axis=-1),
+        space.concatenate([share * objects.weights, 1 - share + never], axis=-1),
     )
 
 

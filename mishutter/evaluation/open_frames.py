@@ -31,14 +31,22 @@ class OpenFrames:
     strips: Strips | None  # What objects hide of a background at rest
 
     @staticmethod
-    def of(scene: Scene, longest: float, *, folds: bool) -> "OpenFrames":
-        """The frames of a scene."""
+    def of(
+        scene: Scene,
+        longest: float,
+        *,
+        folds: bool,
+        pan: Float[np.ndarray, "2"] | tuple[float, float] = (0.0, 0.0),
+    ) -> "OpenFrames":
+        """The frames of a scene, in the plane on a camera that turns at a velocity, px/s."""
         strips = Strips.of(scene)
         if scene.velocities is not None:
             plane = Fan.of(scene)
             parts = components_on(scene, plane, MEASURED.num_speeds)
             radius = np.repeat(plane.radius, plane.direction.shape[1])
             fan = Fan(radius, *(np.ravel(x)[:, None] for x in plane[1:]))
+            turned = pan[0] * np.cos(plane.direction) + pan[1] * np.sin(plane.direction)
+            parts = parts.speeds - turned[..., None], parts.weights
             each = (np.broadcast_to(x, (*plane.power.shape, x.shape[-1])) for x in parts)
             speeds, weights = (x.reshape(radius.size, -1).T for x in each)
             return OpenFrames(scene, speeds, weights, fan, strips)

@@ -8,7 +8,7 @@ whole path along one axis or two.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import final, overload
 
@@ -360,7 +360,7 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
     def __getitem__(self, index: int | slice) -> TimedFrame | tuple[TimedFrame, ...]:
         return self.frames[index]
 
-    @property
+    @cached_property
     def _numbers(self) -> Numbers:
         """Times, places and half exposures: of NumPy in double precision where all are known."""
         rows = [(x.time, x.position, x.motion.half_exposure) for x in self.frames]

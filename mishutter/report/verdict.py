@@ -434,9 +434,13 @@ def _assumptions(scene: Scene, choice: Row) -> str:
         decoder = "velocities are found from the frames without error"
         if choice.num_frames == 1:
             decoder = "the decoder knows the velocity"
+        elif scene.occlusion is not None:
+            decoder = "velocities are told"
         beside = _on_borders(scene, choice)
     elif frames is not None:
         decoder = "frames are registered without error"
+        if scene.occlusion is not None:
+            decoder = "speeds are told"
         if choice.name == PLAIN_STILLS:
             decoder = f"a camera that takes {PLAIN_RATE:.0f} frames/s; {decoder}"
     elif not choice.decoder.knows_speed:

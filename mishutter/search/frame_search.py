@@ -67,14 +67,13 @@ class Descent(NamedTuple):
     def free(self, start: Frames) -> End | None:
         """The end of a descent of all numbers; None where none is within the limits."""
         room, shape, bounds = self.room, self.shape, self.room.bounds(self.shape)
-        beside = _STEP * np.eye(bounds.shape[0] + 1, bounds.shape[0], -1)  # and at the point itself
+        eye = _STEP * np.eye(bounds.shape[0])
 
         def slack(x: Point) -> np.ndarray:
             return room.slack(x, shape)
 
         def steps(x: Point) -> np.ndarray:
-            every = slack(x + beside)
-            return ((every[1:] - every[0]) / _STEP).T
+            return ((slack(x + eye) - slack(x)) / _STEP).T
 
         limits = {"type": "ineq", "fun": slack, "jac": steps}
         first = np.clip(room.joined(start), *bounds.T)
@@ -101,8 +100,7 @@ class Descent(NamedTuple):
 
         def steps(z: Numbers) -> np.ndarray:
             inwards, every = near(z)
-            there = room.slack(np.stack([whole(z), *every]), shape)
-            return ((there[1:] - there[0]) / inwards[:, None]).T
+            return ((room.slack(every, shape) - slack(z)) / inwards[:, None]).T
 
         limits = {"type": "ineq", "fun": slack, "jac": steps}
         bounds = np.tile([[0.0, 1.0]], (start.size, 1))

@@ -14,11 +14,10 @@ from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import (
     FrameTimes,
     StillBursts,
-    best_still_burst,
     some_numbers,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
-from mishutter.evaluation.fans import MEASURED, Grid
+from mishutter.evaluation.fans import MEASURED, SEARCHED
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.sequences import loss_of_width, with_losses
 from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
@@ -55,8 +54,6 @@ from mishutter.search.frame_words import kind_of
 
 _AS_GOOD = 0.05
 """Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
-_SEARCHED = Grid(24, 8, 16)
-"""The grid of a search."""
 _MOST = 64
 """Most frames of a search."""
 _PIECES_OF_SINES, _PIECES_OF_FREE = 16, 16
@@ -119,8 +116,7 @@ def best_in_plane(
     jerk = scene.limits.max_jerk
     requirement = "be left out in the plane, where ways are of pieces of constant acceleration"
     require(jerk is None, "Limits(max_jerk=...)", requirement, jerk)
-    search = _PlaneSearch.of(scene)
-    return search.found(progress) if scene.occlusion is None else search.before_background()
+    return _PlaneSearch.of(scene).found(progress)
 
 
 def stills_on_pan(scene: Scene) -> Exposures:
@@ -128,9 +124,8 @@ def stills_on_pan(scene: Scene) -> Exposures:
     speed = float(np.hypot(*require_velocities(scene).centre))
     room = replace(scene.limits, pans="camera", max_pan=speed, max_top_speed=2 * speed)
     search = _PlaneSearch.of(replace(scene, limits=room))
-    one = search.stage(1)
-    ends = [one.best(STILLS, count) for count in sorted({1, *search.counts})]
-    return max(search._bursts(one, ends, 0), key=lambda burst: burst.level)
+    several, alone = search.times, search.times._replace(max_frames=1)
+    return max(map(search.stills, (several, alone)), key=lambda burst: burst.level)
 
 
 class _PlaneSearch(NamedTuple):
@@ -148,8 +143,8 @@ class _PlaneSearch(NamedTuple):
         longest = 2 * float(scene.limits.max_half_exposure)
         none = BurstMode(frames_per_s=1 / longest, max_frames=1)
         times = FrameTimes.of(scene, none if scene.burst is None else scene.burst)
-        times = times._replace(max_frames=min(times.max_frames or _MOST, _MOST))
-        least, possible = 1 if scene.decoder_speed == "known" else 2, times.numbers_of_frames
+        least = 1 if scene.decoder_speed == "known" else 2
+        possible = [n for n in times.numbers_of_frames if n <= _MOST]
         counts = [n for n in some_numbers(possible[-1], 4) if n in possible and n >= least]
         requirement = (
             'have a burst with time for two frames, or `decoder_speed="known"`: frames tell it'
@@ -160,36 +155,31 @@ class _PlaneSearch(NamedTuple):
         return _PlaneSearch(scene, law, times, counts, turned_by(law, scene.limits))
 
     def found(self, progress: Callable[[float], None]) -> PlaneSearch:
-        """The best frames of each kind."""
-        one, number, limits = self.stage(1), len(self.counts), self.scene.limits
-        moves = limits.moves and not self.scene.is_found_by_object
-        still: list[End | None] = []
-        along: list[End | None] = []
-        for index, count in enumerate(self.counts):
-            progress(0.4 * index / number)
-            still += [one.best(kind, count) for kind in (STILLS, BRACKETED)]
-            if moves:
+        """The best frames of each kind, of which those before a background are at rest alone."""
+        alone = self.times._replace(max_frames=1)
+        snapshot = StillBursts(self.scene).best_sequence(alone)
+        bursts = [self.stills(self.times)]
+        if self.scene.limits.moves and not self.scene.is_found_by_object:
+            one, along = self.stage(1), []
+            for index, count in enumerate(self.counts):
+                progress(0.4 * index / len(self.counts))
                 along += [one.best(kind, count) for kind in WAYS]
-        bursts = self._bursts(one, still, 0) + self._bursts(one, along, 1)
-        if moves and limits.axes != "one":
-            bursts += self._on_two_axes(one, along, bursts, progress)
-        at_rest = self._replace(offset=np.zeros(2)).stage(1)
-        snapshot = self._bursts(at_rest, [at_rest.best(STILLS, 1)], 0)[0]
-        return PlaneSearch(snapshot, _best_of_each(bursts), self._ceiling)
+            bursts += self._bursts(one, along)
+            if self.scene.limits.axes != "one":
+                bursts += self._on_two_axes(one, along, bursts, progress)
+        return PlaneSearch(
+            snapshot, _best_of_each(bursts), self._ceiling({*self.counts, bursts[0].num_frames})
+        )
 
-    def before_background(self) -> PlaneSearch:
-        """The best frames at rest, in the best order."""
-        stills, times = StillBursts(self.scene), self.times
-        alone = times._replace(max_frames=1)
-        snapshot = stills.sequence([stills.best_within(alone)], alone)
-        found = best_still_burst(self.scene)
-        bursts = () if found is None else (with_losses(self.scene, found),)
-        return PlaneSearch(snapshot, bursts, self._ceiling)
+    def stills(self, times: FrameTimes) -> Exposures:
+        """The best frames at rest, or on a camera that turns along with the mean of the things."""
+        # Before a background things are found by what stands still.
+        pan = None if self.scene.occlusion is not None else self.offset
+        return with_losses(self.scene, StillBursts(self.scene, pan=pan).best_sequence(times))
 
-    @property
-    def _ceiling(self) -> float:
-        """Level that no path over any of the numbers of frames exceeds; dB."""
-        exposures = [np.full(n, self.times.longest_of(n)) for n in self.counts]
+    def _ceiling(self, counts: set[int]) -> float:
+        """Level that no path over any of some numbers of frames exceeds; dB."""
+        exposures = [np.full(n, self.times.longest_of(n)) for n in sorted(counts)]
         return max(exposures_ceiling(self.scene, each) for each in exposures)
 
     def _on_two_axes(
@@ -212,15 +202,13 @@ class _PlaneSearch(NamedTuple):
             None if end is None else end._replace(frames=_on_plane(end.frames, one.unit))
             for end in along
         ]
-        made = self._bursts(stage, ends, 2)
+        made = self._bursts(stage, ends)
         # Ends of so many numbers differ by more on the grid of a search than by what is told.
-        free = [self._burst(stage, x, 2) for x in stage.free(flat, ends, progress=progress)]
+        free = [self._burst(stage, x) for x in stage.free(flat, ends, progress=progress)]
         top = max(burst.level for burst in (*bursts, *made))
         return made + [x for x in free if x is not None and x.level >= top + _AS_GOOD]
 
-    def _bursts(
-        self, stage: "_Stage", ends: "Sequence[End | None]", num_axes: int
-    ) -> list[Exposures]:
+    def _bursts(self, stage: "_Stage", ends: "Sequence[End | None]") -> list[Exposures]:
         """The best frames of each kind, fewer where more gain too little."""
         kinds: dict[str, End] = {}
         for end in ends:
@@ -228,10 +216,10 @@ class _PlaneSearch(NamedTuple):
                 before = kinds.get(end.kind)
                 if before is None or end.level > before.level + _AS_GOOD / 2:
                     kinds[end.kind] = end
-        every = (self._burst(stage, end, num_axes) for end in kinds.values())
+        every = (self._burst(stage, end) for end in kinds.values())
         return [burst for burst in every if burst is not None]
 
-    def _burst(self, stage: "_Stage", end: End, num_axes: int) -> Exposures | None:
+    def _burst(self, stage: "_Stage", end: End) -> Exposures | None:
         """Frames with their level, within the limits; None where they are far from them."""
         limits = self.scene.limits
 
@@ -247,7 +235,7 @@ class _PlaneSearch(NamedTuple):
             loss = loss_of_width(self.scene, made, width=width)
         psnr = float(exposures_psnr(self.scene, made))
         found = exposures_in_plane(self.scene, end.kind, made, psnr, width_loss=loss)
-        return replace(found, kind=kind_of(found) if found.num_axes or not num_axes else STILLS)
+        return replace(found, kind=kind_of(found) if found.num_axes else STILLS)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""
@@ -256,7 +244,7 @@ class _PlaneSearch(NamedTuple):
         room = Room.of(self.scene.limits, self.times, self.law.fastest)
         top = float(self.scene.limits.max_top_speed) - float(np.hypot(*self.offset))
         room = room._replace(top_speed=min(room.top_speed, top), turns=False)
-        levels = Levels.in_plane(self.scene, _SEARCHED, unit, self.offset)
+        levels = Levels.in_plane(self.scene, SEARCHED, unit, self.offset)
         return _Stage(self, unit, along, levels, room)
 
 
@@ -279,7 +267,7 @@ class _Stage(NamedTuple):
     def _tie(self, kind: str, shape: Shape) -> Tie:
         """Frames of few numbers, about the mean of the things."""
         law, offset = self.search.law, self.search.offset
-        speeds, weights = law.components(np.array([law.axis]), _SEARCHED.num_speeds)
+        speeds, weights = law.components(np.array([law.axis]), SEARCHED.num_speeds)
         occurring = np.asarray(speeds)[np.asarray(weights) > 0] - self.along @ offset
         centre = law.centre - offset
         aside = centre - (centre @ self.along) * self.along
@@ -292,7 +280,7 @@ class _Stage(NamedTuple):
         """Good ends of descents in which each frame has numbers of its own, from the best ways."""
         search, starts = self.search, list[End]()
         found: list[End | None] = []
-        levels = Levels.in_plane(search.scene, _SEARCHED, self.unit, search.offset, turned=True)
+        levels = Levels.in_plane(search.scene, SEARCHED, self.unit, search.offset, turned=True)
         for some in ends:
             few = [x for x in some if x and x.frames.exposure.size <= MOST_FREE]
             kinds = {x.kind: x for x in sorted(few, key=lambda x: x.level)}
@@ -377,7 +365,7 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
 
 def grid_words() -> str:
     """The computations of a search in the plane, in words."""
-    radii, angles, speeds, corner = _SEARCHED
+    radii, angles, speeds, corner = SEARCHED
     finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
     ways = ", ".join((STILLS, BRACKETED, *WAYS, CIRCLE, TWO_SINES, CROSSED, RING))
     return (

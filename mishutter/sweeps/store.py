@@ -292,6 +292,20 @@ def _checksum(arrays: Arrays) -> int:
     return checksum
 
 
+def saved_points(path: Path) -> tuple[int, int]:
+    """Points of the blocks that a sweep's store holds, and of all."""
+    import zarr
+
+    sweep = _stored_attributes(path)["sweep"]
+    done: Any = zarr.open_group(path, mode="r", use_consolidated=False)[_DONE]
+    is_done, sizes = done[...] != 0, []
+    axes = sweep["accelerations"], sweep["half_exposures"]
+    for axis, most, count in zip(axes, sweep["block_shape"], is_done.shape[1:], strict=True):
+        sizes.append(np.minimum(most, len(axis) - most * np.arange(count)))
+    points = np.broadcast_to(np.outer(*sizes), is_done.shape)
+    return int(points[is_done].sum()), int(points.sum())
+
+
 def _stored_attributes(path: Path) -> dict[str, Any]:
     """The attributes of a sweep's store, whose `sweep` is opened."""
     try:

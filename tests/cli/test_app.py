@@ -251,7 +251,12 @@ def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
         (
             "sweeps.run.sweep",
             ["sweep", "--store", "s.zarr"],
-            "the points of whole blocks are saved in s.zarr; the same command computes the others",
+            "no result was saved; the same command starts again",
+        ),
+        (
+            "sweeps.run.sweep",
+            ["sweep", "--store", "begun"],
+            "144 of 400 points are saved in begun; the same command goes on",
         ),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, list) else "",
@@ -265,6 +270,8 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "begun").mkdir()
+    monkeypatch.setattr("mishutter.sweeps.store.saved_points", lambda path: (144, 400))
     # A signal would have to come while it runs, at a time that depends on the machine.
     monkeypatch.setattr(f"mishutter.{place}", interrupt)
     assert cli.main(arguments) == 130

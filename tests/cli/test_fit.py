@@ -86,7 +86,6 @@ def test_all_cameras_stand_side_by_side(folder, tmp_path, capsys):
     assert found == pytest.approx(levels["re-designed for what was built"], abs=6e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_trace_is_brought_upright_for_the_fit(sign, folder, tmp_path, capsys, monkeypatch):
     """The fit takes few samples in which light is upwards; what is odd of them is a note."""

@@ -183,7 +183,6 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
     assert said == ["the shutter stays open for the whole exposure and needs no drive"]
 
 
-@pytest.mark.slow
 def test_export_prints_the_level_of_the_designs_decoder(folder, tmp_path, capsys):
     """One that knows the speed is not judged by one filter for all."""
     design = replace(Design.load(folder / "design.json"), loss_name="KnownSpeedLoss()")
@@ -243,7 +242,6 @@ def test_simulate_tells_designed_driven_and_measured(folder, tmp_path, capsys):
     assert (tmp_path / "out" / "restored.png").exists()
 
 
-@pytest.mark.slow
 def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, monkeypatch):
     """All three are compared as they are, the designed one on its own motion; none is tuned."""
     given = ["compare", folder / "scene.toml", "--design", folder / "design.json"]
@@ -273,7 +271,6 @@ def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, mo
     np.testing.assert_allclose(found, hann, atol=3e-3)
 
 
-@pytest.mark.slow
 def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, capsys, monkeypatch):
     """A channel by name, an inverted photodiode by its levels, and what is odd as a note."""
     time, level = pulse()

@@ -49,7 +49,6 @@ def test_json_has_every_number(folder, tmp_path, capsys):
     assert document["missing"] == []
 
 
-@pytest.mark.slow
 def test_a_clip_without_a_number_says_which_key_to_fill(folder, tmp_path, capsys):
     """The file is written all the same, and the plot says why."""
     rng = np.random.default_rng(2)

@@ -24,9 +24,11 @@ from mishutter.decoding.objects.light import (
     pulled,
     steps,
 )
+from mishutter.decoding.objects.mattes import Mixed
 from mishutter.decoding.objects.outlines import (
     Along,
     Lights,
+    _costs,
     _cover,
     _doubt,
     _Layer,
@@ -161,6 +163,63 @@ def test_frames_are_layers_in_their_order():
         np.testing.assert_allclose(sight.frames(layers)[k], wanted, atol=2e-3)
 
 
+@pytest.mark.parametrize("number", [0, 1])
+def test_frames_are_linear_in_a_matte(number):
+    """Those of another matte are what is seen of it, before and behind; slopes are of squares."""
+    found, other = arrangement(), arrangement()
+    for one in (*found.things, *other.things):
+        soft = smoothed(one.matte, 1.5)
+        one.matte = np.where(soft > 0.01, soft, np.float32(0))
+    own = other.things[number]
+    own.matte = own.matte * (0.7 + 0.2 * smoothed(texture(1, 12)[0], 3.0)).astype(np.float32)
+    found.place()
+    sight, other = (Sight.of(each.stills, each, KNOWN) for each in (found, other))
+    layers = [0.3 + 0.1 * smoothed(one, 1.0) for one in layers_like(sight, 11)]
+    mixed = Mixed.of(found, Misfit.of(sight), layers, number)
+    sheet, left = other.sheets[number + 1], found.stills.light - other.frames(layers)
+    assert sheet.window == mixed.sheet.window
+    for k, (way, one) in enumerate(zip(sheet.ways, mixed.left(sheet.matte), strict=True)):
+        here = sheet.window.aside(way)
+        near = here.cut(found.cover[number][k]) > 0.01
+        assert np.sum(near) > 200
+        np.testing.assert_allclose(one[near], here.cut(left[k])[near], atol=4e-3)
+    along = np.random.default_rng(13).normal(size=sheet.size).astype(np.float32)
+
+    def half(matte):
+        pairs = zip(mixed.weights, mixed.left(matte), strict=True)
+        return sum(np.sum(w.astype(float) * one**2) for w, one in pairs) / 2
+
+    rise = (half(sheet.matte + along) - half(sheet.matte - along)) / 2
+    slope = np.sum(mixed.slope(sheet.matte).astype(float) * along)
+    assert abs(rise) > 10
+    assert slope == pytest.approx(rise, rel=1e-2)
+
+
+def test_outlines_cost_less_at_edges_of_light():
+    """Along the thing, above the slopes that noise gives; without an edge they cost about all."""
+    random, step = np.random.default_rng(14), np.zeros(SHAPE)
+    step[:, 22:] = 0.4
+    noises = np.stack([np.sqrt(noise_of(0.3, k)) * random.normal(size=SHAPE) for k in range(3)])
+    window, seen = Window.whole(SHAPE), np.ones((3, *SHAPE), np.float32)
+    flat, edge = (
+        _costs(stills_of(light), Along(light.astype(np.float32), seen, window))
+        for light in (0.3 + noises, 0.3 + step + noises)
+    )
+    assert np.mean(flat) > 0.7
+    assert np.max(edge[:, 21:23]) < 0.15
+    assert np.mean(edge[:, 30:]) > 0.9
+
+
+def test_levels_are_those_of_each_layer():
+    """Far from that of all frames: of a bright thing before a dark background."""
+    covers = np.array(arrangement().seen(1))
+    found = arrangement(light=0.1 + 0.6 * covers)
+    sight = Sight.of(found.stills, found, KNOWN)
+    assert np.mean(found.stills.light) < 0.3
+    assert sight.means[2] == pytest.approx(0.7, abs=0.06)
+    assert sight.means[0] == pytest.approx(0.1, abs=0.03)
+
+
 def test_densities_are_sums_over_the_frames_that_see(sight):
     """Of the background, which stands still: its share of each frame over the frame's noise."""
     found, sight = sight
@@ -211,7 +270,8 @@ def test_priors_weigh_frequencies_pixels_and_differences(sight):
 
 def cost_of(sight, share):
     """Half of the misfit and of a share of the power of layers over their expectation."""
-    level = sight.frames([np.full(s.size, sight.mean, np.float32) for s in sight.sheets])
+    pairs = zip(sight.sheets, sight.means, strict=True)
+    level = sight.frames([np.full(s.size, mean, np.float32) for s, mean in pairs])
 
     def cost(layers):
         left = (sight.stills.light - level - sight.frames(layers)).astype(float)
@@ -238,7 +298,7 @@ def test_light_is_of_the_least_cost(sight, kind):
     else:
         decoder = ms.TotalVariationDecoder(num_iterations=60, strength=0.6)
         light, smooth = light_of(misfit, decoder), cost_of(sight, 0.1)
-    light = [one - np.float32(sight.mean) for one in light]
+    light = [one - np.float32(mean) for one, mean in zip(light, sight.means, strict=True)]
 
     def cost(layers):
         edges = 0.0
@@ -272,13 +332,13 @@ def test_a_denoiser_of_layers_is_given_what_misfit_and_distance_balance(sight):
     options = {"num_iterations": 1, "first_noise": 0.8, "last_noise": 0.8, "strength": 0.4}
     found = light_of(misfit, ms.PlugAndPlayDecoder(keep, **options))
     start = light_of(misfit, ms.EnsembleDecoder())
-    level = np.float32(sight.mean)
-    curved = misfit.curvature([one - level for one in found])
+    levels = np.array(sight.means, np.float32)
+    curved = misfit.curvature([one - level for one, level in zip(found, levels, strict=True)])
     scale = max(np.std(one) for one in misfit.data)
     for number, error in enumerate(misfit.errors):
         weight = 0.4 / (0.64 * error)
-        left = misfit.data[number] + weight * (start[number] - level)
-        left = left - curved[number] - weight * (found[number] - level)
+        left = misfit.data[number] + weight * (start[number] - levels[number])
+        left = left - curved[number] - weight * (found[number] - levels[number])
         assert np.std(left) < 0.1 * scale
     errors = np.sqrt(np.concatenate([one.ravel() for one in misfit.errors]))
     assert all(0.8 * errors.min() <= sigma <= 0.8 * errors.max() * 1.001 for sigma in given)
@@ -512,6 +572,7 @@ def test_an_outline_pushes_as_least_squares_say():
     thing, stills = found.things[number], found.stills
     light = np.full(along.frames.shape[1:], 0.9)
     push = _at_outline(found, number, (along, front), light, lights)
+    assert push.by_noise == 0
     window, ways = thing.window, stills.ways(thing.velocity)
     behind = behind_in_frames(found, lights, number)
     hidden = splines(behind)

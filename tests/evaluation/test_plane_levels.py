@@ -9,6 +9,7 @@ from support import plane
 from mishutter import (
     EvenVelocities,
     ListedVelocities,
+    Occlusion,
     Optics,
     ParabolicMotion,
     RingOfVelocities,
@@ -25,6 +26,7 @@ from mishutter.evaluation.levels import instants_of, left
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.optics import frequencies
 from mishutter.model.sequences import PlaneFrames
+from mishutter.pictures.images import Picture
 
 FINE = Grid(40, 16, 48)
 """The grid of the reference."""
@@ -253,6 +255,27 @@ def test_a_photograph_holds_its_detail_along_its_axes():
     assert fitted == pytest.approx(along, abs=0.1)
 
 
+def test_the_power_of_a_photograph_is_found_in_any_light_and_from_any_side():
+    """Of noise of a power that is steeper along rows, in a picture of unequal sides."""
+    draw, shape = np.random.default_rng(8), (120, 168)
+    down, across = np.fft.fftfreq(shape[0])[:, None], np.fft.fftfreq(shape[1])
+    radius, angle = np.hypot(down, across), np.arctan2(down, across)
+    log = np.log(np.maximum(radius, 0.004))
+    power = np.exp(-2.3 * log - 0.1 * log**2 + 0.5 * np.cos(2 * angle) + 0.3 * np.sin(2 * angle))
+    noise = np.fft.fft2(draw.normal(size=shape)) * np.sqrt(power)
+    light = np.real(np.fft.ifft2(noise))
+    light = (0.5 + 0.1 * light / np.std(light))[..., None].astype(np.float32)
+    r, a = np.array([0.08, 0.1, 0.3, 0.1, 0.2]), np.array([0.0, 0.4, 1.5, 2.0, -0.7])
+    found = power_of(Picture(light))(r, a)
+    wanted = r ** (-2.3 - 0.1 * np.log(r)) * np.exp(0.5 * np.cos(2 * a) + 0.3 * np.sin(2 * a))
+    assert np.ptp(np.log(found / wanted)) < 0.5
+    dark = power_of(Picture(light / 1024))(r, a)
+    np.testing.assert_allclose(dark, found / 1024**2, rtol=1e-4)
+    np.testing.assert_allclose(power_of(Picture(light[::-1]))(r, -a), found, rtol=1e-4)
+    turned = power_of(Picture(np.swapaxes(light, 0, 1)))(r, np.pi / 2 - a)
+    np.testing.assert_allclose(turned, found, rtol=0.2)
+
+
 def test_water_is_poured_where_it_gains_most():
     """Against the best of many other ways to spend the same budget on three cells."""
     mass, width = np.array([0.55, 0.3, 0.15]), np.array([0.7, 0.6, 0.7])
@@ -262,6 +285,21 @@ def test_water_is_poured_where_it_gains_most():
     best = float(np.min((1 / (1 + rho)) @ mass))
     assert least <= best
     assert least == pytest.approx(best, abs=2e-3)
+
+
+def test_the_ceiling_before_a_background_is_that_of_its_parts():
+    """Of the objects by their share, and of what rests, with which any path keeps up."""
+    light, exposures = {"photon_rate": 3e4, "read_noise": 9.0}, np.array([0.01, 0.002, 0.006])
+
+    def error(law, **others):
+        scene = Scene.any_direction(law, **light, **others)
+        return 10 ** (-exposures_ceiling(scene, exposures, grid=COARSE) / 10)
+
+    objects, rest = EvenVelocities(2100.0, 700.0, angle=0.4), ListedVelocities([[1.0, 0.0]])
+    layers = Occlusion(front_share=0.2, object_width=50.0)
+    wanted = 0.2 * error(objects) + 0.8 * error(rest)
+    assert error(objects, occlusion=layers) == pytest.approx(wanted, rel=1e-9)
+    assert error(objects) > 1.2 * error(rest)
 
 
 def test_the_ceiling_of_uneven_speeds_is_lower_than_that_of_their_peak():

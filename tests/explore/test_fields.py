@@ -8,7 +8,7 @@ from support.command_line import SMALL_SCENE
 from mishutter._core.validation import in_section, validated
 
 # The face starts a server; the fields are checked without one.
-from mishutter.explore.fields import label_and_unit, page_fields, scene_text
+from mishutter.explore.fields import _begin, label_and_unit, page_fields, scene_text
 from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_schema import SceneFile
 
@@ -73,6 +73,47 @@ def test_a_key_that_is_put_in_begins_with_a_value_that_the_schema_takes():
     """No tick of a box leads to a value that is out of the range shown beside it."""
     assert len(FIELDS) > 100
     assert not [".".join(place) for place, field in FIELDS.items() if not begins_within(field)]
+
+
+def test_a_key_has_the_bounds_of_the_schema():
+    """Numbers by themselves and of lists; a bound that itself is out of range says so."""
+    bounds = {
+        place: [FIELDS[place][each] for each in ("minimum", "maximum", "above", "below", "kind")]
+        for place in (
+            ("speeds", "uniform", "min_px_per_s"),
+            ("speeds", "normal", "deviation_px_per_s"),
+            ("speeds", "normal", "count"),
+            ("speeds", "any_direction", "weights"),
+        )
+    }
+    assert [*bounds.values()] == [
+        [-1e7, 1e7, False, False, "number"],
+        [0, 1e7, True, False, "number"],
+        [1, 1000, False, False, "integer"],
+        [0, 1, False, False, "list"],
+    ]
+    optional = [place for place, field in FIELDS.items() if field.get("optional")]
+    assert ("speeds", "normal", "count") not in optional
+    assert ("speeds", "normal", "deviation_px_per_s") in optional
+
+
+def test_a_value_to_begin_with_is_in_range():
+    """The middle of a range up to 1, else 1 or the least; of whole numbers 2 or the least."""
+    place = ("no", "such", "key")
+    for kind, bounds, begin in (
+        ("number", {"minimum": 0.2, "maximum": 0.8}, 0.5),
+        ("number", {"exclusiveMinimum": 0.4, "exclusiveMaximum": 1}, 0.7),
+        ("number", {"minimum": 0, "maximum": 90}, 1.0),
+        ("number", {"minimum": 7, "maximum": 90}, 7),
+        ("integer", {"minimum": 1, "maximum": 90}, 2),
+        ("integer", {"minimum": 5, "maximum": 90}, 5),
+        ("choice", {"enum": ["b", "a"]}, "b"),
+        ("boolean", {}, True),
+        ("list", {}, []),
+        ("text", {}, ""),
+    ):
+        assert _begin(place, kind, None, bounds) == begin
+        assert _begin(place, kind, "own", bounds) == "own"
 
 
 def test_a_section_that_is_put_in_is_a_section_of_a_scene_file():

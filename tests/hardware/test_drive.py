@@ -41,7 +41,6 @@ def test_step_means_are_the_integral_of_the_profile():
     assert np.allclose(chips.wanted, [0.1, 0.7, 0.4], rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_a_long_table_of_many_pieces_holds_means():
     """Of 100,000 steps and 97 chips on another grid: time and memory go by their sum."""
     levels = np.random.default_rng(4).uniform(size=97)
@@ -166,7 +165,6 @@ def test_a_stage_beside_a_shutter_of_few_slots_is_sent_enough_to_stay_on_its_pat
     np.testing.assert_allclose(made[exposed], position[exposed], atol=0.1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("most", [None, 1.3e6])
 def test_a_path_beyond_the_limit_on_travel_is_told_of(most, tmp_path, capsys):
     """Without a limit on the acceleration a search counts no run-up, and the table has one."""
@@ -181,7 +179,6 @@ def test_a_path_beyond_the_limit_on_travel_is_told_of(most, tmp_path, capsys):
     assert (f"stage.csv travels {travel:.4g} px" in said) == (most is None)
 
 
-@pytest.mark.slow
 def test_a_stage_whose_response_is_not_known_is_sent_the_path():
     """There is no column for it, and no figure."""
     table = drive_table(replace(a_design(HannShutter()), scene=_scene()), num_steps=5)
@@ -240,7 +237,6 @@ def test_levels_are_the_nearest_between_floor_and_ceiling():
     assert table.level.max() == 10
 
 
-@pytest.mark.slow
 def test_the_table_is_in_the_units_that_it_names():
     """Milliseconds from mid-exposure, and the sensor at a t^2 px with 2 a t px/s there."""
     table = drive_table(a_design(HannShutter()), num_steps=8, num_levels=11)
@@ -261,7 +257,6 @@ def test_the_table_is_in_the_units_that_it_names():
     np.testing.assert_allclose(document["sensor_velocity_px_per_s"], velocity)
 
 
-@pytest.mark.slow
 def test_the_sensor_of_a_table_pans():
     """It is at v t + a t^2 px, with v + 2 a t px/s; one of no acceleration at v t."""
     half = float(MOTION.half_exposure)
@@ -277,7 +272,6 @@ def test_the_sensor_of_a_table_pans():
         np.testing.assert_allclose(np.array(rows)[:, -2:], np.c_[position, velocity], rtol=1e-8)
 
 
-@pytest.mark.slow
 def test_a_fine_table_measures_as_the_design():
     """With many steps and levels nothing is lost; with two levels something is."""
     design = a_design(HannShutter())

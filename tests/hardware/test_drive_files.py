@@ -13,7 +13,9 @@ from support.drive import a_design
 
 from mishutter import (
     ChippedShutter,
+    FreeMotion,
     IdealDevice,
+    Limits,
     ParabolicMotion,
     Scene,
     SplineShutter,
@@ -260,3 +262,46 @@ def test_formats_that_do_not_fit_are_refused():
         a_table().save("never", form="raf")
     with pytest.raises(ValueError, match=r"must be open or closed in each step .*; got 256 levels"):
         a_table().save("never", form="pulses")
+
+
+def test_a_table_beside_a_camera_that_turns_is_of_the_stage_alone(tmp_path):
+    """Its places have no pan, in the table and its file; what is read back has the camera's."""
+    limits = Limits(max_half_exposure=0.02, max_acceleration=2e6, pans="camera")
+    scene = Scene([-300.0, 900.0], photon_rate=1e5, read_noise=10.0, limits=limits)
+    design = replace(a_design(ChippedShutter([0.2, 1.0])), motion=PANNING, scene=scene)
+    table = drive_table(design, num_steps=30)
+    time = HALF * (np.arange(30) / 15 - 1)
+    a = float(MOTION.acceleration)
+    np.testing.assert_allclose(table.position, a * time**2, atol=1e-9)
+    np.testing.assert_allclose(table.velocity, 2 * a * time, atol=1e-9)
+    assert table.position_scale == pytest.approx(a * HALF**2)
+    for form in ("csv", "npy"):
+        path = tmp_path / f"table.{form}"
+        table.save(path, form=form)
+        scale = {"position_scale": table.position_scale} if form == "npy" else {}
+        found = design_from_drive(path, scene, PANNING, **scale).motion
+        assert float(found.velocity) == pytest.approx(-713.0, rel=1e-6)
+        assert float(found.acceleration) == pytest.approx(a, rel=1e-6)
+    limits = Limits(max_half_exposure=0.02, max_acceleration=2e6)
+    at_stage = Scene([-300.0, 900.0], photon_rate=1e5, read_noise=10.0, limits=limits)
+    other = drive_table(replace(design, scene=at_stage), num_steps=30)
+    np.testing.assert_allclose(other.position, a * time**2 - 713 * time, atol=1e-9)
+
+
+def test_positions_that_leave_their_path_are_refused(tmp_path):
+    """By more than a thousandth of their travel, on a parabola and on the path that was given."""
+    free = FreeMotion(accelerations=[3e5, 1e5, 2e5], half_exposure=HALF, velocity=-90.0)
+    begin = HALF * (np.arange(24) / 12 - 1)
+    for motion, words in ((MOTION, "along v t"), (free, "on the free path that was given")):
+        place = np.asarray(motion.position(begin))
+        share = 1e-3 * (1 + np.ptp(place))
+        for aside, is_refused in ((0.5 * share, False), (2.5 * share, True)):
+            bent = place + aside * np.where(np.arange(24) == 12, 1.0, 0.0)
+            scale = float(np.max(np.abs(bent)))
+            np.save(tmp_path / "mine.npy", np.stack([np.full(24, -0.5), bent / scale]))
+            told = {"position_scale": scale}
+            if not is_refused:
+                read_drive(tmp_path / "mine.npy", motion, **told)
+                continue
+            with pytest.raises(ValueError, match=f"move the sensor {words}"):
+                read_drive(tmp_path / "mine.npy", motion, **told)

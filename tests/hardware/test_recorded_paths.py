@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 import tifffile
-from support.bursts import a_burst_design
+from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
 from support.plane import a_plane_design
 
@@ -82,7 +82,7 @@ def test_the_noise_of_an_encoder_is_averaged():
     path = recorded(design.stage_paths, count=10_000, noise=0.1)
     built, apart = with_recorded_path(design, path, middle=CLOCK)
     assert apart.rms < 1 / 20
-    levels = [float(ms.plane_psnr(design.scene, x.frames)) for x in (design, built)]
+    levels = [float(ms.exposures_psnr(design.scene, x.frames)) for x in (design, built)]
     assert levels[1] == pytest.approx(levels[0], abs=0.01)
 
 
@@ -113,6 +113,25 @@ def test_a_frame_counts_in_the_difference_as_long_as_it_is_exposed():
     share = 4.2 / 17.8
     assert apart.rms == pytest.approx(0.8 * np.sqrt(share * (1 - share)), rel=0.01)
     assert apart.greatest == pytest.approx(0.8 * (1 - share), rel=0.01)
+
+
+def test_frames_that_touch_have_no_time_between_them():
+    """Three of two lengths, at rest, before which the stage had gone elsewhere."""
+    halves, times = (0.0031, 0.0031, 0.0052), (-0.0083, -0.0021, 0.0062)
+    frames = tuple(
+        ms.TimedFrame(ms.StillCamera(half_exposure=half), time)
+        for half, time in zip(halves, times, strict=True)
+    )
+    design = a_burst_design(replace(SEQUENCE, frames=frames, travel=0.0))
+    time = np.linspace(-0.014, 0.015, 4000)
+    place = 40.0 * (time + 0.0114) + 900.0 * (time + 0.0114) ** 2
+    built, apart = with_recorded_path(design, RecordedPath(time, place[None]))
+    for frame, planned in zip(built.sequence.frames, frames, strict=True):
+        tau = np.linspace(-0.99, 0.99, 9) * planned.exposure / 2
+        own = frame.position + np.asarray(frame.motion.position(tau))
+        np.testing.assert_allclose(own, np.interp(planned.time + tau, time, place), atol=1e-6)
+    lit = (time > -0.0114) & (time < 0.0114)
+    assert apart.rms == pytest.approx(np.std(place[lit]), rel=0.01)
 
 
 def test_one_exposure_takes_a_recorded_path():

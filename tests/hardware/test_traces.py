@@ -50,7 +50,6 @@ def test_levels_that_are_given_are_taken():
     )
 
 
-@pytest.mark.slow
 def test_fine_detail_takes_more_coefficients():
     """Cross-validation finds as many as the profile needs, and no more for a smooth one."""
     smooth = measured_profile(noisy_trace(0.05), half_exposure=HALF, middle=2e-3)
@@ -85,6 +84,35 @@ def test_an_inverted_photodiode_shows_the_same_shutter(closed, opened, known):
     error = np.asarray(found.shutter.transmittance(TAU)) - HANN
     assert np.sqrt(np.mean(error**2)) < 0.006
     assert ["inverted" in note for note in found.notes] == [True] * (not known)
+
+
+def test_a_fall_below_a_told_level_is_inverted():
+    """Without a level of the open shutter, of which no steady level of the closed one is asked."""
+    found = measured_profile(of_levels(1.25, 0.05), half_exposure=HALF, closed=1.25)
+    assert found.opened == pytest.approx(0.05, abs=0.02)
+    assert ["inverted" in note for note in found.notes] == [True]
+
+
+def test_a_trace_reaches_over_its_exposure_without_a_gap():
+    """To within an eighth of it at either end, in 32 samples, none a sixteenth apart."""
+    given = {"half_exposure": HALF, "closed": 0.0, "opened": 1.0, "middle": 3e-3}
+
+    def found(tau):
+        level = np.cos(np.pi * np.clip(tau, -1, 1) / 2) ** 2
+        return measured_profile(Trace(tau * HALF + 3e-3, level), **given)
+
+    tau = np.linspace(-1, 1, 200)
+    for first, last in ((-0.88, 1.0), (-1.0, 0.88)):
+        found(np.linspace(first, last, 200))
+    for first, last in ((-0.87, 1.0), (-1.0, 0.87)):
+        with pytest.raises(ValueError, match=r"reach over the exposure, -7 to 13 ms by its clock"):
+            found(np.linspace(first, last, 200))
+    found(tau[(tau < 0.2) | (tau > 0.31)])
+    with pytest.raises(ValueError, match=r"have no gap above 1/16 .*; got one of 1\.\d+ ms"):
+        found(tau[(tau < 0.2) | (tau > 0.34)])
+    found(np.linspace(-0.99, 0.99, 32))
+    with pytest.raises(ValueError, match=r"have at least 32 samples within .*; got 31 of times"):
+        found(np.linspace(-0.99, 0.99, 31))
 
 
 def test_a_pulse_outside_the_exposure_is_not_taken_as_inverted():

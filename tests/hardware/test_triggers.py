@@ -11,6 +11,7 @@ import pytest
 from support.burst_levels import burst_psnr, still_frames
 from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
+from support.plane import a_plane_design
 
 from mishutter import (
     Design,
@@ -224,3 +225,39 @@ def test_the_stage_has_micrometres_where_the_pitch_is_known():
         px, metric = ([float(row[key]) for row in rows] for key in (name, other))
         np.testing.assert_allclose(metric, scale * np.array(px), rtol=1e-7, atol=1e-9)
     assert "um" not in frame_table(a_burst_design(limits=limits)).stage_csv().splitlines()[1]
+
+
+@pytest.mark.parametrize("readout", [None, 4e-3])
+@pytest.mark.parametrize("made", [a_burst_design, a_plane_design])
+def test_places_of_frames_are_those_of_the_path_at_their_middles(made, readout):
+    """Along one axis and along two, beside the names of what is there."""
+    sensor = {} if readout is None else {"sensor": Sensor(readout=readout)}
+    table = frame_table(made(**sensor))
+    rows = rows_of(table.stage_csv())
+    time = np.array([float(row["time"]) for row in rows]) / 1e3
+    middles = np.array(table.exposures.times)
+    ends = [""] if made is a_burst_design else ["_x", "_y"]
+    names = [f"stage {end[1:]} / px" if end else "sensor there / px" for end in ends]
+    assert list(table.places) == names
+    for end, places in zip(ends, table.places.values(), strict=True):
+        path = [float(row[f"sensor_position{end}"]) for row in rows]
+        np.testing.assert_allclose(places, np.interp(middles, time, path), atol=2e-3)
+    lights = table.lights
+    half = 0.0 if readout is None else readout / 2
+    np.testing.assert_allclose(np.mean(lights, axis=1), middles - half, atol=1e-12)
+
+
+def test_a_table_says_what_it_is_of():
+    """The frames of each step, the level by the gate, and the document of the design's frames."""
+    table = frame_table(a_burst_design(), num_steps=269)
+    document = table.to_dict()
+    assert document["frame"] == table.frame.tolist()
+    assert document["gated_psnr_db"] == table.gated_psnr
+    assert document.keys() > a_burst_design().frames_document.keys()
+    np.testing.assert_array_equal(table.level, table.frame > 0)
+    np.testing.assert_array_equal(table.transmittance, table.frame > 0)
+    assert table.num_levels == 2
+    assert frame_table(a_burst_design()).begin.size == 2 * 256
+    for count, line in ((0, "be a positive integer"), (100_001, "be at most 100000")):
+        with pytest.raises(ValueError, match=line):
+            frame_table(a_burst_design(), num_steps=count)

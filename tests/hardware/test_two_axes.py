@@ -13,7 +13,15 @@ import pytest
 from support.bursts import a_burst_design
 from support.plane import a_plane_design
 
-from mishutter import Limits, PlaneDesign, SecondOrderStage, Sensor, cli, frame_table, plane_psnr
+from mishutter import (
+    Limits,
+    PlaneDesign,
+    SecondOrderStage,
+    Sensor,
+    cli,
+    exposures_psnr,
+    frame_table,
+)
 from mishutter.hardware.drive_files import DRIVE_FORMATS, WITH_POSITIONS, drive_bytes
 from mishutter.hardware.stage_files import with_way_back
 
@@ -75,6 +83,25 @@ def test_the_stage_goes_back_to_where_it_began(axes, jerk):
         0.0 if jerk is None else np.max(size(*jerks)) / jerk,
     ]
     assert max(uses) == pytest.approx(1, abs=2e-3)
+
+
+def test_a_stage_that_is_back_has_no_way():
+    """Its path stays as it is; rest is where it stands still, before and after all else."""
+    x, y = a_plane_design().stage_paths
+    limits = Limits(max_acceleration=4e4, max_top_speed=170.0)
+    assert with_way_back({"_x": x}, limits) == {"_x": x}
+    for returns in (False, True):
+        own = columns_of(frame_table(a_plane_design()).stage_csv(returns=returns))
+        rests = np.array([part == "rest" for part in own["part"]])
+        speeds = np.hypot(own["sensor_velocity_x"], own["sensor_velocity_y"])
+        assert rests[0]
+        assert rests[-1]
+        assert np.max(speeds[rests]) < 1e-6
+        assert np.sum(rests) <= 3
+        arrives = own["time"] > 1e3 * y.times[-1] + 1e-6
+        back = [part == "return" for part in own["part"]]
+        np.testing.assert_array_equal(back, arrives & ~rests)
+        assert np.any(back) == returns
 
 
 def test_the_servo_of_each_axis_is_sent_more():
@@ -139,8 +166,8 @@ def test_a_gate_costs_what_its_frames_lose():
     gated = eqx.tree_at(
         lambda x: (x.times, x.exposures), whole, (times - [step / 2, step / 2, 0], short)
     )
-    assert table.gated_psnr == pytest.approx(float(plane_psnr(design.scene, gated)), abs=1e-6)
-    assert table.gated_psnr < float(plane_psnr(design.scene, whole)) - 0.01
+    assert table.gated_psnr == pytest.approx(float(exposures_psnr(design.scene, gated)), abs=1e-6)
+    assert table.gated_psnr < float(exposures_psnr(design.scene, whole)) - 0.01
 
 
 def test_export_writes_both_axes(tmp_path, capsys):

@@ -1,6 +1,8 @@
 """Frames as files hold them, and files that hold no clip: each is refused in a line."""
 
 import re
+import struct
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import tifffile
 from PIL import Image
 
 import mishutter as ms
-from mishutter.measurement.clip import clip_of, cut_off, read_levels_of
+from mishutter.measurement.clip import _gaps, clip_of, cut_off, read_levels_of
 from mishutter.pictures.images import PictureWarning, read_captures
 
 RNG = np.random.default_rng(4)
@@ -294,3 +296,75 @@ def test_stacks_that_scikit_image_ships_are_refused(name):
     folder = Path(find_spec("skimage").origin).parent / "data"
     with pytest.raises(ValueError, match=re.escape(SHIPPED[name])):
         clip_of(folder / name, 50.0, None, None)
+
+
+def test_a_folder_of_many_files_is_read_in_part(tmp_path):
+    """Its first 64 files, which is said; two stacks tell it as well, and no more than once."""
+    frames = RNG.integers(70, 900, (66, 48, 49)).astype(np.uint16)
+    for k, frame in enumerate(frames):
+        (tmp_path / f"{k:03d}.pgm").write_bytes(b"P5 49 48 65535\n" + frame.astype(">u2").tobytes())
+    clip = a_clip(tmp_path)
+    np.testing.assert_array_equal(clip.frames, frames[:64])
+    assert clip.words.count("the first 64 frames are read") == 1
+    few = a_clip(sorted(tmp_path.iterdir())[:64])
+    assert not any("first" in word for word in few.words)
+
+
+def test_a_power_that_files_state_is_doubted(tmp_path):
+    """Of light that follows from levels otherwise than by a line; the noise decides."""
+    for k, frame in enumerate(FRAMES):
+        chunks = Image.fromarray(frame)
+        chunks.save(tmp_path / f"{k}.png", gamma=1 / 1.8)
+        content = (tmp_path / f"{k}.png").read_bytes()
+        name = b"gAMA" + struct.pack(">I", 55_556)
+        own = struct.pack(">I", 4) + name + struct.pack(">I", zlib.crc32(name))
+        (tmp_path / f"{k}.png").write_bytes(content[:33] + own + content[33:])
+    clip = a_clip(tmp_path)
+    assert any("light is the power 1.8 of their levels" in word for word in clip.words)
+    np.testing.assert_array_equal(clip.frames, FRAMES)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "is_gap"),
+    [
+        ((3, 4, 5, 7, 8), True),
+        ((3, 4, 6, 8, 10), False),  # as many wide steps as not
+        ((3, 5, 6, 4, 7), False),
+        ((3, 4), False),
+    ],
+)
+def test_a_gap_is_a_step_that_is_wider_than_most(numbers, is_gap):
+    """Where numbers ascend, and more than two files tell what is usual."""
+    names = [Path(f"take2_{number:02d}.tif") for number in numbers]
+    assert bool(_gaps(names)) == is_gap
+    others = [Path(f"take{k}_{number:02d}.tif") for k, number in enumerate(numbers)]
+    assert _gaps(others) == []
+
+
+def test_an_exposure_is_no_longer_than_the_frame():
+    """But for the rounding of a period; without one it may be all of that."""
+    assert a_clip(FRAMES, exposure=1.009 / 47).longest_exposure == 1.009 / 47
+    assert a_clip(FRAMES, exposure=None).longest_exposure == 1 / 47
+    with pytest.raises(ValueError, match="be above 0 and at most"):
+        a_clip(FRAMES, exposure=1.02 / 47)
+
+
+@pytest.mark.parametrize(("most", "white"), [(255, 255), (256, 1023), (4095, 4095), (16383, 16383)])
+def test_white_is_that_of_the_fewest_bits(most, white):
+    """Of 8, 10, 12 or 14 in 16, beyond which it is that of the file."""
+    frames = np.minimum(FRAMES, 200)
+    frames[1, 7, 9] = most
+    assert a_clip(frames).white == white
+    assert any(f"taken for {white}" in word for word in a_clip(frames).words)
+    frames[1, 7, 9] = 16384
+    assert a_clip(frames).white == 65535
+    assert a_clip(np.minimum(frames, 200).astype(np.uint8)).white == 255
+
+
+@pytest.mark.parametrize("scheme", [1, 5, 8, 32773, 32946, 34925, 50000])
+def test_compressions_that_keep_every_level_are_read(scheme, tmp_path):
+    """By TIFF's numbers: none, LZW, Deflate's two, PackBits, LZMA and Zstandard."""
+    tifffile.imwrite(
+        tmp_path / "a.tif", FRAMES.astype(np.uint8), compression=scheme, photometric="minisblack"
+    )
+    np.testing.assert_array_equal(a_clip(tmp_path / "a.tif").frames, FRAMES.astype(np.uint8))

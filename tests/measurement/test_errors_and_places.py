@@ -163,6 +163,7 @@ def test_a_large_frame_is_measured_on_larger_pixels(monkeypatch):
     assert motion.labels.shape == clip.size
     assert np.sum(motion.labels == 1) == pytest.approx(each.area, rel=0.02)
     assert motion.width[0] == pytest.approx(np.pi / 2 * 52, rel=0.15)
+    assert motion.width[0] / motion.width[1] == pytest.approx(52 / 44, abs=0.12)
 
 
 def test_errors_of_the_curve_and_the_gain_are_their_scatter():

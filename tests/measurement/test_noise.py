@@ -60,6 +60,9 @@ def test_without_black_the_read_noise_is_an_interval():
     assert noise.read_noise == pytest.approx(((low + high) / 2, (high - low) / 4))
     least, most = noise.black_range
     assert least <= 64 <= most + 1
+    # No noise has a square below 0, and no black lies above the darkest block.
+    assert least == pytest.approx(max(0.0, -noise.law.dark / noise.gain.value))
+    assert low == pytest.approx(0, abs=0.7) or least == 0
     of_black = (most - least) / np.sqrt(12) / (CLIP.full - (most + least) / 2)
     value, error = noise.electrons_at_white
     gain = noise.gain.error / noise.gain.value
@@ -225,6 +228,15 @@ def test_a_whole_clip_has_no_sign():
     assert not found(EIGHT.levels(), EIGHT)[1].refusals
     still = replace(CLIP, things=())
     assert not found(still.levels(), still)[1].refusals
+
+
+def test_dark_frames_below_level_0_are_not_cut_off_there():
+    """Black was taken off, in levels of either sign."""
+    levels, dark = (each.astype(np.int16) - 64 for each in (LEVELS, CLIP.dark()))
+    _, noise = noise_from(clip_of(levels, 50.0, 4e-3, CLIP.full - 64.0), dark=dark)
+    assert not noise.refusals
+    assert noise.black.value == pytest.approx(CLIP.black_level - 64, abs=3 * noise.black.error)
+    assert holds(noise.read_noise, 4.3, 0.2)
 
 
 def test_dark_frames_that_are_cut_off_tell_no_black():

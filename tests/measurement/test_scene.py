@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy import ndimage
 from support.clips import ClipOf, Thing
 
 import mishutter as ms
+from mishutter.cli import measure_command
 from mishutter.measurement.motion import Motion, MovingObject
 from mishutter.measurement.photon_transfer import Law
 from mishutter.measurement.scene import along_axis
@@ -237,16 +239,17 @@ def test_errors_stand_where_answers_read_them(measurement, tmp_path):
     ("level", "contrast", "expected"), [(0.01, 0.0, True), (0.01, 0.08, False), (0.2, 0.0, False)]
 )
 def test_a_background_is_empty_if_it_is_dark_and_shows_nothing(level, contrast, expected):
-    """Beside a thing of 0.3 of white and a contrast of 0.1, in the noise of 400 levels."""
+    """Beside a thing of 0.3 of white and a contrast of 0.1, in the noise of four frames."""
     random, shape = np.random.default_rng(8), (96, 128)
     rows, columns = np.indices(shape)
     thing = np.hypot(rows - 44, columns - 60) < 26
     detail = ndimage.gaussian_filter(random.normal(size=shape), 1.5)
     detail *= np.where(thing, 0.1, contrast) / detail.std()
     light = np.where(thing, 0.3, level) + detail
-    levels = 50 + 1000 * light + 20 * random.normal(size=shape)
-    law = Law(dark=400.0, gain=0.0, floor=1.0)
-    assert is_empty(Averaged(levels, np.ones(shape)), ~thing, law, 50.0) is expected
+    levels = 50 + 1000 * light + 40 / 2 * random.normal(size=shape)
+    law = Law(dark=1600.0, gain=0.0, floor=1.0)
+    picture = Averaged(levels, np.full(shape, 4.0))
+    assert is_empty(picture, ~thing, law, 50.0) is expected
 
 
 def test_before_an_empty_background_the_scene_is_of_what_moves(measurement, monkeypatch):
@@ -261,3 +264,161 @@ def test_before_an_empty_background_the_scene_is_of_what_moves(measurement, monk
     light = (np.mean(found.clip.frames[found.motion.frame][moves]) - black) / (white - black)
     assert found.light.mean() == pytest.approx(light, abs=0.02)
     assert abs(light - measurement.light.mean()) > 0.04
+
+
+def unlike(down, right, area, error):
+    """An object whose numbers all differ."""
+    return MovingObject((down, right), error, (51.3, 97.6), area, 8.25, 1.17, 3)
+
+
+@pytest.mark.parametrize("axis", ["rows", "columns"])
+def test_the_file_and_the_tables_have_both_axes(measurement, axis, capsys):
+    """Of an object known to 9 px/s down and 2 px/s across, and of one to 4 and 7."""
+    first, second = (21.4, -308.9), (-35.6, 147.3)
+    if axis == "columns":
+        first, second = first[::-1], second[::-1]
+    objects = [unlike(*first, 3021, (9.0, 2.0)), unlike(*second, 2018, (4.0, 7.0))]
+    motion = Motion(tuple(objects), two_labels(), two_labels() * 0.5, 2, 0.7, 0.0, (61.0, 47.0), 5)
+    found = replace(measurement, motion=motion)
+    lines, tables = found.scene_text.splitlines(), tomllib.loads(found.scene_text)
+    (down, right), error = first, 2.0 if axis == "rows" else 9.0
+    assert (
+        f"# object 1: {right:.1f} +- 2 px/s to the right, {down:.1f} +- 9 px/s down, 3021 px"
+        in lines
+    )
+    sign = "left" if axis == "rows" else "up"
+    said = f"# Along the {axis}, positive to the {sign}; the fast end is the 98 % quantile by area"
+    assert f"{said}, +- {error:.2g} px/s." in lines
+    assert tables["speeds"]["uniform"] == {
+        "min_px_per_s": -308.9,
+        "max_px_per_s": 308.9,
+        "count": 9,
+    }
+    assert tables["errors"]["object_speed_px_per_s"] == error
+    sensor = tables["sensor"]
+    assert (sensor["axis"], sensor["width_px"]) == (axis, 240 if axis == "rows" else 192)
+    assert tables["occlusion"]["object_width_px"] == (61.0 if axis == "rows" else 47.0)
+    assert f"the fastest moves at {308.9 / 6:.4g} mm/s" in found.scene_text
+    row = found.velocities_text.splitlines()[1]
+    assert row == f"1,{right:g},2,{down:g},9,3021,8.25,1.17,3,97.6,51.3"
+    (one, _) = found.to_dict()["objects"]
+    assert one == {
+        **{"right_px_per_s": right, "right_error_px_per_s": 2.0, "down_px_per_s": down},
+        **{"down_error_px_per_s": 9.0, "area_px": 3021, "lead": 8.25, "residual": 1.17},
+    }
+    measure_command._print(found, Path("found.toml"))
+    said = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["1", f"{right:.1f}", "2", f"{down:.1f}", "9", "3021", "1.17"] in said
+
+
+def test_the_light_has_its_error_a_second(measurement):
+    """Electrons of a frame over its exposure; what is brighter in front is above what is behind."""
+    value, error = measurement.noise.electrons_at_white
+    line = next(x for x in measurement.scene_text.splitlines() if x.startswith("photon_rate"))
+    assert line.startswith(f"photon_rate_per_s = {value / 4e-3:.4g}  # +- {error / 4e-3:.2g}; ")
+    still, moving = (measurement.motion.labels == 0, measurement.motion.labels > 0)
+    light = np.mean(measurement.clip.frames[measurement.motion.frame][moving])
+    light -= np.mean(measurement.clip.frames[measurement.motion.frame][still])
+    wanted = light / (measurement.clip.white - measurement.noise.black_level)
+    assert measurement.level_difference.value == pytest.approx(wanted, abs=0.01)
+
+
+def test_a_speed_that_hardly_varies_is_one_speed(measurement):
+    """Where its ends are within four errors of the faster; and no exposure goes 10,000 px."""
+    objects = [unlike(3.0, -300_000.0, 3000, (9.0, 2.0)), unlike(3.0, -299_993.0, 3000, (4.0, 7.0))]
+    tables = tomllib.loads(of_motion(measurement, objects, 0.7, two_labels()))
+    assert tables["speeds"] == {"list_px_per_s": [300000.0]}
+    assert tables["limits"]["max_exposure_ms"] == pytest.approx(1e4 / 300, rel=1e-3)
+    objects[1] = replace(objects[1], velocity=(3.0, -299_991.0))
+    text = of_motion(replace(measurement, pixel_pitch=None), objects, 0.7, two_labels())
+    tables = tomllib.loads(text)
+    assert tables["speeds"]["uniform"]["count"] == 9
+    assert tables["limits"]["max_stroke_px"] == 45
+
+
+@pytest.mark.parametrize("rows_read", ["down", "up"])
+def test_a_sensor_that_reads_rows_in_turn_shows_its_own_velocities(
+    measurement, rows_read, monkeypatch
+):
+    """By the time from one row to the next, of one less than there are."""
+    motion = replace(
+        measurement.motion,
+        objects=tuple(replace(x, velocity=(900.0, 310.0)) for x in measurement.motion.objects),
+    )
+    monkeypatch.setattr("mishutter.measurement.measurement.motion_of", lambda *_: motion)
+    found = ms.measure(CLIP.levels(), dark=CLIP.dark(), readout=9e-3, rows_read=rows_read, **TOLD)
+    row = 9e-3 / 191 * (1 if rows_read == "down" else -1)
+    for each in found.motion.objects:
+        assert each.velocity == pytest.approx((900 / (1 + 900 * row), 310 / (1 + 900 * row)))
+
+
+def test_what_leaves_an_axis_has_its_cost():
+    """Of a design for none of it and of one for it, between those that are known."""
+    (first, *_) = along_axis([an_object(300, 75, 5000), an_object(-300, 75, 5000)]).sentences
+    assert "costs 1.3 dB of a moving sensor's gain, or 0.5 dB by a design for it" in first
+    (only,) = along_axis([an_object(300, 14, 5000), an_object(-300, 14, 5000)]).sentences
+    assert only == "One axis explains the motion: 5% of the speed goes across it."
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1, 1900), (3, 0)])
+def test_levels_of_another_black_or_another_step_are_the_same_camera(
+    measurement, scale, offset, monkeypatch
+):
+    """Electrons, noise, light and its difference stay; the gain is in levels."""
+    monkeypatch.setattr(
+        "mishutter.measurement.measurement.motion_of", lambda *_: measurement.motion
+    )
+    levels, dark = (scale * each.astype(np.int32) + offset for each in (CLIP.levels(), CLIP.dark()))
+    told = TOLD | {"white": float(scale * CLIP.full + offset)}
+    found = ms.measure(levels, dark=dark, **told)
+    for name in ("electrons_at_white", "read_noise"):
+        assert getattr(found.noise, name) == pytest.approx(
+            getattr(measurement.noise, name), rel=0.02
+        )
+    assert found.noise.gain.value == pytest.approx(scale * measurement.noise.gain.value, rel=0.01)
+    assert found.noise.black.value == pytest.approx(
+        scale * measurement.noise.black.value + offset, abs=0.01 * scale
+    )
+    assert found.level_difference == pytest.approx(measurement.level_difference, rel=0.01)
+    np.testing.assert_allclose(found.light, measurement.light, atol=2e-3)
+
+
+def test_a_clip_on_its_side_is_the_same_scene_on_its_side(measurement):
+    """Its axis, velocities, errors, places and lengths are those of rows and columns exchanged."""
+    frames, dark = (np.swapaxes(each, 1, 2) for each in (CLIP.levels(), CLIP.dark()))
+    found = ms.measure(np.ascontiguousarray(frames), dark=np.ascontiguousarray(dark), **TOLD)
+    assert (measurement.along.axis, found.along.axis) == ("rows", "columns")
+    assert found.along.speeds == pytest.approx(measurement.along.speeds, rel=0.02)
+    for own, other in zip(found.motion.objects, measurement.motion.objects, strict=True):
+        assert own.velocity == pytest.approx(other.velocity[::-1], abs=4)
+        assert own.error == pytest.approx(other.error[::-1], rel=0.3)
+        assert own.centre == pytest.approx(other.centre[::-1], abs=2)
+    assert found.motion.width == pytest.approx(measurement.motion.width[::-1], rel=0.1)
+    assert np.mean(found.motion.labels.T == measurement.motion.labels) > 0.97
+    assert found.noise.electrons_at_white.value == pytest.approx(
+        measurement.noise.electrons_at_white.value, rel=0.02
+    )
+    np.testing.assert_allclose(found.light.mean(), measurement.light.mean(), rtol=0.02)
+    for name in ("mean_level", "deviation"):
+        numbers = [float(getattr(each.scene.picture, name)) for each in (found, measurement)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.03)
+
+
+def test_findings_are_told_in_words(measurement):
+    """Light and noise with their errors, what stands still and what has no velocity."""
+    noise = measurement.noise
+    motion = replace(measurement.motion, share_at_rest=0.756, share_unexplained=0.023)
+    found = replace(measurement, motion=motion).sentences
+    value, error = noise.electrons_at_white
+    assert found[0] == f"White holds {value:.4g} +- {error:.2g} photo-electrons."
+    value, error = noise.read_noise
+    assert found[1] == f"The read noise is {value:.3g} +- {error:.2g} e-."
+    assert found[2] == "76% of the picture stands still, and 2 objects move."
+    assert found[3].startswith("2.3% of the picture changes without a velocity")
+    alone = replace(motion, objects=motion.objects[:1], share_unexplained=0.004)
+    assert replace(measurement, motion=alone).sentences[2].endswith("and 1 object moves.")
+    unknown = replace(noise, read_noise_range=(1.25, 6.5))
+    said = replace(measurement, noise=unknown).sentences[1]
+    assert said == "The read noise lies from 1.2 to 6.5 e-: black is not known."
+    still = replace(measurement, motion=replace(motion, objects=(), share_unexplained=0.0))
+    assert still.sentences[2] == "Nothing was seen to move."

@@ -312,8 +312,9 @@ def test_what_a_device_makes_of_a_command(slug):
     np.testing.assert_allclose(np.asarray(again.transmittance(TAU)), light.transmittance(TAU))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("slug", TIMES)
+@pytest.mark.parametrize(
+    "slug", ["late", *(pytest.param(x, marks=pytest.mark.slow) for x in TIMES if x != "late")]
+)
 def test_the_state_of_a_first_order_device_is_exact(slug):
     """Its values and its light against 50 digits, of times from none to for ever."""
     times = TIMES[slug]

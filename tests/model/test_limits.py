@@ -144,3 +144,81 @@ def test_of_a_function_that_ignores_its_parameters():
 
     np.testing.assert_array_equal(jax.grad(largest)(numbers), [0, 1, 0])
     np.testing.assert_array_equal(jax.jacfwd(largest)(numbers), [0, 1, 0])
+
+
+SEEN = {
+    "stage": ({}, 0.0),
+    "camera": ({"pans": "camera"}, 0.0),
+    "moving frame": ({"frame_velocity": -340.0}, -340.0),
+}
+
+
+def _stage_stroke(limits, a, half, v):
+    motion = ParabolicMotion(acceleration=a, half_exposure=half, velocity=v)
+    return float(limits.of_stage(motion).stroke)
+
+
+@pytest.mark.parametrize("slug", SEEN)
+def test_each_number_that_the_stroke_leaves_takes_all_of_it(slug):
+    """Of an acceleration, a velocity and an exposure: of paths that turn and of others."""
+    given, frame = SEEN[slug]
+    limits = Limits(max_stroke=31.0, max_top_speed=7e3, **given)
+    for half, v in ((0.004, 900.0), (0.011, -1100.0), (0.011, 700.0), (0.009, 2500.0)):
+        most = float(limits.acceleration_by_stroke(np.asarray(half), np.asarray(v)))
+        by_pan = 0.0 if slug == "camera" else 2 * abs(v + frame) * half
+        assert (most > 0) == (by_pan < 31)
+        if most > 0:
+            assert _stage_stroke(limits, most, half, v) == pytest.approx(31, rel=1e-9)
+        by_speed = (7e3 - abs(v)) / (2 * half)
+        of_path = float(limits.acceleration_of_path(np.asarray(half), np.asarray(v)))
+        assert of_path == pytest.approx(min(most, by_speed), rel=1e-9)
+        narrow = Limits(max_stroke=31.0, max_top_speed=7e3, max_acceleration=2e5, **given)
+        largest = float(narrow.largest_acceleration(jnp.asarray(half), jnp.asarray(v)))
+        assert largest == pytest.approx(min(of_path, 1e5), rel=1e-6)
+    for a in (3e4, 2.3e5):
+        half = float(limits.half_exposure_by_stroke(jnp.asarray(a)))
+        assert _stage_stroke(limits, a, half, 0.0) == pytest.approx(31, rel=1e-9)
+        greatest = limits.velocity_by_stroke(jnp.asarray(a), jnp.asarray(0.7 * half))
+        assert (greatest is None) == (slug == "camera")
+        if slug == "stage":
+            assert _stage_stroke(limits, a, 0.7 * half, float(greatest)) == pytest.approx(31)
+    if slug == "moving frame":  # which pans, so that without an acceleration it leaves the stroke
+        straight = float(limits.half_exposure_by_stroke(jnp.asarray(0.0)))
+        assert straight == pytest.approx(31 / (2 * 340))
+    none = limits.half_exposure_by_stroke(jnp.asarray(0.0))
+    assert np.isinf(float(none)) == (slug != "moving frame")
+
+
+@pytest.mark.parametrize("pans", ["stage", "camera"])
+@pytest.mark.parametrize("velocity", [0.0, 120.0, -4e3])
+def test_the_fullest_motion_uses_all_that_it_may(velocity, pans):
+    """It is within all limits, and at the top speed or at the end of the stroke or the exposure."""
+    limits = Limits(
+        max_stroke=31.0,
+        max_top_speed=7e3,
+        min_half_exposure=2e-3,
+        max_half_exposure=0.013,
+        max_pan=170.0,
+        pans=pans,
+    )
+    motion = limits.fullest_motion(velocity)
+    demands = limits.demands(motion)
+    assert all(demand.is_met(1e-9) for demand in demands.values())
+    shares = {name: float(each.taken / each.there) for name, each in demands.items()}
+    assert float(motion.velocity) == pytest.approx(np.clip(velocity, -170, 170))
+    assert shares["stroke"] == pytest.approx(1, rel=1e-6)
+    if pans == "camera" or velocity == 0:
+        assert shares["top_speed"] == pytest.approx(1, rel=1e-6)
+    else:
+        assert shares["top_speed"] > 0.95
+
+
+def test_a_way_has_room_within_the_stroke_and_the_travel():
+    """To single precision; what a camera turns by is the camera's."""
+    assert NARROW.have_room_for(travel=47.0, stroke=31.0 * (1 + 5e-6))
+    assert not NARROW.have_room_for(travel=47.0 * (1 + 5e-5), stroke=30.0)
+    assert not NARROW.have_room_for(travel=30.0, stroke=31.01)
+    assert Limits(max_stroke=31.0).have_room_for(travel=1e9, stroke=31.0)
+    assert float(NARROW.beside(260.0).max_top_speed) == pytest.approx(6740)
+    assert not Limits(max_stroke=0.0).moves
+    assert Limits(max_stroke=0.0011).moves

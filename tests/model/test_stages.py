@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mishutter import (
-    FrameSequence,
+    Exposures,
     FreeMotion,
     Limits,
     LinearMotion,
@@ -53,7 +53,13 @@ def _driven(path, num_steps=200_000):
 def test_travel_and_top_speed_are_those_of_the_path(case):
     """The closed forms are the range and the greatest speed of a path that is added up in time."""
     path = stage_path(_motion(case), max_acceleration=case[3], max_jerk=case[4])
-    _, position, velocity, pulled = _driven(path)
+    times, position, velocity, pulled = _driven(path)
+    found = path.at(times)
+    np.testing.assert_allclose(found[0] - found[0][0], position, atol=1e-4 * np.ptp(position))
+    np.testing.assert_allclose(found[1], velocity, atol=1e-3 * np.max(np.abs(velocity)))
+    middles = (times[1:] + times[:-1]) / 2
+    np.testing.assert_allclose(path.acceleration_at(middles), pulled, rtol=1e-12)
+    assert not path.acceleration_at(path.times[[0, -1]] + np.array([-1.0, 0.0])).any()
     use = stage_use(_motion(case), *case[3:])
     assert float(use.travel) == pytest.approx(np.ptp(position), rel=1e-4)
     assert float(use.top_speed) == pytest.approx(np.abs(velocity).max(), rel=1e-4)
@@ -187,9 +193,7 @@ def test_limits_of_nothing(name):
 
 def burst(*frames, pan=0.0):
     """Frames of a stage, of times, places and motions."""
-    return FrameSequence(
-        "own", tuple(TimedFrame(m, t, x) for t, x, m in frames), 0.0, 0.0, 0.0, pan
-    )
+    return Exposures("own", tuple(TimedFrame(m, t, x) for t, x, m in frames), 0.0, 0.0, 0.0, pan)
 
 
 def swing(direction, half=0.006, acceleration=3e5):

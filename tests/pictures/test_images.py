@@ -16,7 +16,16 @@ import pytest
 import mishutter as ms
 
 # The formula of the transfer curve and the limit of size, to which pictures are held.
-from mishutter.pictures.images import GAMMA, MAX_PIXELS, middle_rows, read_opacity, to_display
+from mishutter.pictures.images import (
+    GAMMA,
+    MAX_PIXELS,
+    frames_of_tiff,
+    middle_rows,
+    read_captures,
+    read_labels,
+    read_opacity,
+    to_display,
+)
 
 ROWS, COLUMNS = 13, 29
 CODED = np.random.default_rng(7).integers(0, 256, (ROWS, COLUMNS, 4)).astype(np.uint8)
@@ -409,3 +418,55 @@ def test_a_high_picture_is_cut_to_its_middle():
     light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
     assert np.array_equal(middle_rows(light, 160), light[20:180])
     assert np.array_equal(middle_rows(light[:7], 160), light[:7])
+
+
+def test_each_value_is_a_label(tmp_path):
+    """Black is 0 where there is some; other values count from 1, of grey and of colours."""
+    grey = np.repeat(np.array([[0, 90, 90, 0, 255, 7]], np.uint8), 3, axis=0)
+    for name, coded in (("g", grey), ("c", np.stack([grey, grey, 0 * grey], axis=-1))):
+        found = read_labels(save(tmp_path / f"{name}.png", coded))
+        np.testing.assert_array_equal(found[0], [0, 2, 2, 0, 3, 1])
+    bright = read_labels(save(tmp_path / "b.png", np.maximum(grey, 7)))
+    np.testing.assert_array_equal(bright[0], [1, 2, 2, 1, 3, 1])
+    sides = np.zeros((2, 3, 3), np.uint8)
+    sides[0, 0], sides[1, 2] = (9, 0, 0), (0, 0, 9)  # no channel is black everywhere
+    np.testing.assert_array_equal(
+        read_labels(save(tmp_path / "s.png", sides)), [[2, 0, 0], [0, 0, 1]]
+    )
+
+
+def test_pages_of_a_tiff_that_are_pictures_of_their_own_follow_each_other(tmp_path):
+    """Each was written by itself; one of another size is none of them."""
+    import tifffile
+
+    frames = np.random.default_rng(3).integers(0, 999, (4, 11, 17)).astype(np.uint16)
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for frame in (*frames[:2], frames[0, :5], *frames[2:]):
+            file.write(frame, photometric="minisblack", metadata=None)
+    found = frames_of_tiff(tmp_path / "a.tif", 3)
+    np.testing.assert_array_equal(found.frames, frames[:3])
+    assert found.has_more
+    assert not frames_of_tiff(tmp_path / "a.tif", None).has_more
+
+
+def test_a_folder_is_no_file_to_write(tmp_path):
+    """Whatever its name; nor is a name in a folder that is not there."""
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(IsADirectoryError, match="must name a file; got the folder"):
+        ms.write_picture(tmp_path / "a.png", np.ones((3, 4)))
+    with pytest.raises(FileNotFoundError, match="must lie in a folder that exists"):
+        ms.write_picture(tmp_path / "none" / "a.png", np.ones((3, 4)))
+
+
+def test_numbers_of_a_capture_are_those_of_light_and_back(tmp_path):
+    """Above black, over white and below black, by a power of either sign."""
+    levels = np.array([[90.0, 100.0, 400.0, 1100.0, 1500.0]] * 3, np.float32)
+    import tifffile
+
+    tifffile.imwrite(tmp_path / "a.tif", levels.astype(np.uint16), photometric="minisblack")
+    (found,) = read_captures(tmp_path / "a.tif", black=100.0, white=1100.0)
+    shares = (levels - 100) / 1000
+    wanted = np.copysign(np.abs(shares) ** 2.2, shares)
+    np.testing.assert_allclose(found.light[..., 0], wanted, rtol=1e-5)
+    found.write_like(tmp_path / "b.tif", found.light)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "b.tif"), levels)

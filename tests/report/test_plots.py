@@ -720,6 +720,21 @@ def test_a_capture_of_any_shape_is_seen(shape, aspect):
         assert min(axes.get_window_extent().size) >= 10
 
 
+def test_frames_of_a_burst_are_shown_as_bright_as_their_restoration():
+    """Titles say of the others how many times they are brighter; a frame without light stays."""
+    light = np.random.default_rng(1).uniform(0.1, 0.5, (23, 31, 1))
+    frames = {"frame_1": 0.9 * light, "frame_2": 0.1 * light, "frame_3": 0 * light}
+    figure = plot_capture(None, frames, light)
+    titles = [axes.get_title().splitlines()[0] for axes in figure.axes]
+    assert titles == ["frame 1", "frame 2, shown 10 times as bright", "frame 3", "restored"]
+    long, short, dark, restored = (axes.images[0].get_array() for axes in figure.axes)
+    np.testing.assert_allclose(short, restored)
+    assert np.all(long < restored)
+    assert not np.any(dark)
+    (one, _) = plot_capture(None, 0.1 * light, light).axes
+    assert np.all(one.images[0].get_array() < 0.9 * restored)
+
+
 def test_a_drive_of_one_step_shows_the_sensor():
     """The sensor moves through the whole exposure, however few steps drive the shutter."""
     design = a_design(HannShutter())

@@ -299,7 +299,7 @@ def test_frames_are_measured_on_the_sensor_of_the_scene():
     for each in found.bursts:
         assert each.width_loss == loss_of_width(wide, each.frames, width=190.0) > 0
         assert each.level == each.psnr - each.width_loss
-        assert f"less {each.width_loss:.2g} by borders" in each.text
+        assert f"{each.width_loss:.2g} by borders" in each.text
 
 
 def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():

@@ -22,7 +22,7 @@ import mishutter
 from mishutter import GaussianShutter, Limits, Scene, Sensor, cli, sweep
 
 # Writes that fail, which no argument of `sweep` brings about.
-from mishutter.sweeps.store import StoredBlocks
+from mishutter.sweeps.store import StoredBlocks, saved_points
 
 
 @pytest.fixture(scope="module")
@@ -374,6 +374,16 @@ def test_a_store_before_anything_is_computed(tmp_path):
     assert bool(empty.dataset().expected_psnr.isnull().all())
 
 
+def test_points_of_whole_blocks_are_counted(tmp_path):
+    """Of the last rows and columns there are fewer than in other blocks."""
+    blocks = StoredBlocks(asked_for(150, 70), tmp_path / "a.zarr")
+    assert blocks.grid.block_shape == (128, 32)
+    assert saved_points(tmp_path / "a.zarr") == (0, 150 * 70)
+    for number, place in enumerate(((0, 0, 1), (0, 1, 2)), 1):
+        blocks.group["progress/done"][place] = number
+    assert saved_points(tmp_path / "a.zarr") == (128 * 32 + 22 * 6, 150 * 70)
+
+
 def test_blocks_cover_the_grid_once():
     """Every point of every variable belongs to one block, whatever the sizes."""
     for rows, columns, pans in ((1, 1, 1), (300, 2, 3), (129, 70, 2), (5, 900, 1)):
@@ -454,7 +464,7 @@ if os.geteuid() == 0 and len(sys.argv) == 1:
         sys.exit(77)
     os.execv(sys.executable, [*sys.orig_argv, "bound"])
 from mishutter import cli
-from mishutter.sweeps.store import StoredBlocks
+from mishutter.sweeps.store import StoredBlocks, saved_points
 write = StoredBlocks.write
 
 def once(self, block, arrays):

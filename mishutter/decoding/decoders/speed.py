@@ -91,7 +91,7 @@ class Bands(NamedTuple):
     """Frequencies at which the logarithm of a power spectrum is evaluated."""
 
     members: list[np.ndarray]  # Indices of the DFT down the rows, by band of their frequency
-    counts: Float[np.ndarray, "b 1"]  # Number of independent frequencies in each band
+    counts: Float[np.ndarray, "b 1"]  # Independent frequencies that each band is worth
     along: slice  # Indices of the DFT along the rows
     terms: Float[np.ndarray, "b*k 11"]  # Terms of the smooth spectrum at every frequency
 
@@ -107,8 +107,10 @@ def bands(rows: int, columns: int) -> Bands:
     pairs = itertools.pairwise(edges)
     members = [np.flatnonzero((down > low) & (down <= high)) for low, high in pairs]
     members = [band for band in members if band.size]
-    # Under a sine window 1.5 neighbouring frequencies of a DFT count as one independent one.
-    counts = np.maximum(np.array([band.size for band in members]) / 1.5, 1.0)[:, None]
+    # Under a sine window powers at neighbouring frequencies of a DFT correlate by a quarter.
+    neighbours = [np.isin((band + 1) % rows, band).sum() for band in members]
+    each = zip(members, neighbours, strict=True)
+    counts = np.array([[band.size**2 / (band.size + pairs / 2)] for band, pairs in each])
     along = slice(_LOWEST, columns // 2 + 1 - _LOWEST)
     fx = np.fft.rfftfreq(columns)[along]
     fy = np.array([down[band].mean() for band in members])[:, None]
@@ -133,7 +135,7 @@ def log_power(tile: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "b k
     power = np.abs(spectrum) ** 2 / np.sum(window**2)
     mean = np.stack([power[band].mean(axis=0) for band in layout.members])
     # Powers at single frequencies are exponentially distributed, which makes the logarithm of the
-    # mean of so many too low by this.
+    # mean of so many too low by this, to 0.01.
     bias = digamma(layout.counts) - np.log(layout.counts)
     return np.log(mean.astype(np.float64) + 1e-30) - bias
 

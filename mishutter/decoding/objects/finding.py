@@ -11,6 +11,8 @@ from scipy import ndimage
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.candidates import candidates, within
 from mishutter.decoding.objects.grids import Mask, moved
+from mishutter.decoding.objects.light import Knowledge
+from mishutter.decoding.objects.mattes import settle
 from mishutter.decoding.objects.outlines import Along, cut_out, mean_lights, sharpen
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
@@ -40,7 +42,10 @@ class Told(NamedTuple):
 
 
 def found_in(
-    stills: Stills, told: Told | None = None, progress: Callable[[str, float], None] | None = None
+    stills: Stills,
+    told: Told | None = None,
+    progress: Callable[[str, float], None] | None = None,
+    known: Knowledge | None = None,
 ) -> Arrangement:
     """The things of frames of about one exposure.
 
@@ -48,6 +53,7 @@ def found_in(
         stills: The frames.
         told: What is known of the things: their velocities, or their outlines.
         progress: Called with a sentence and the share done.
+        known: The statistics of pictures, by which outlines are solved in the end.
     """
     told = Told() if told is None else told
     report = (lambda text, share: None) if progress is None else progress
@@ -66,13 +72,16 @@ def found_in(
             _drop_weakest(arrangement)
         arrangement.place()
     for half in range(2):
-        report("outlines from pixels that show two things", 0.8 + 0.1 * half)
+        report("outlines from pixels that show two things", 0.75 + 0.1 * half)
         _sharpen(arrangement)
     if not is_told:
         _refine_velocities(arrangement)
         for number in range(len(arrangement.things) - 1, -1, -1):
             if _tells_nothing(arrangement.things[number]):
                 arrangement.drop(number)
+    if known is not None and arrangement.things:
+        report("outlines by the light of the layers", 0.95)
+        settle(arrangement, known)
     return arrangement
 
 
@@ -89,7 +98,7 @@ def _refine_parts(arrangement: Arrangement, *, is_first: bool) -> None:
 
 def _sharpen(arrangement: Arrangement) -> None:
     """Draws outlines by all that is known by now, and solves them near there."""
-    cut_out(arrangement)
+    cut_out(arrangement, at_edges=True)
     arrangement.place()
     drawn = [thing.matte for thing in arrangement.things]
     for _ in range(_SHARPENINGS):

@@ -25,15 +25,15 @@ def moved(
 
 
 def of_few_edges(
-    start: Mask, slope: Callable[[Mask], Mask], weight: float, step: float, num_steps: int
+    start: Mask, slope: Callable[[Mask], Mask], weight: Mask, step: Mask | float, num_steps: int
 ) -> Mask:
-    r"""The mask $0 \le u \le 1$ of least $F(u) + \lambda\,\mathrm{TV}(u)$.
+    r"""The mask $0 \le u \le 1$ of least $F(u) + \sum \lambda\,|\nabla u|$.
 
     Args:
         start: The first $u$.
         slope: $F'$.
-        weight: $\lambda$.
-        step: Length of a primal step; that of a dual one is 0.4.
+        weight: $\lambda$ of each pixel.
+        step: Length of a primal step, of each pixel; that of a dual one is 0.4.
         num_steps: Number of both.
     """
     u = bar = start.astype(np.float32)

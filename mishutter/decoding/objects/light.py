@@ -120,7 +120,7 @@ class Sight:
     sheets: list[Sheet]  # The background, then the things
     shares: list[list[np.ndarray]]  # Share of each sheet's pixels that each part of frames sees
     inverse: Float[np.ndarray, "frames rows columns"]  # 1 over the noise
-    mean: float  # Level about which light is sought
+    means: list[float]  # Level of each sheet about which its light is sought
 
     @staticmethod
     def of(stills: Stills, arrangement: Arrangement | None, known: Knowledge) -> "Sight":
@@ -154,7 +154,8 @@ class Sight:
         shares[0] = [ground.window.aside(way).cut(one) for way, one in pairs]
         pairs = zip(sheets, shares, strict=True)
         sheets = [_of_own_detail(sheet, seen, stills) for sheet, seen in pairs]
-        return Sight(stills, sheets, shares, inverse, float(np.mean(stills.light)))
+        means = [_mean(sheet, seen, stills) for sheet, seen in zip(sheets, shares, strict=True)]
+        return Sight(stills, sheets, shares, inverse, means)
 
     def frames(self, layers: Layers) -> np.ndarray:
         """Light of the frames that layers give, in which the mean level counts as they do."""
@@ -253,6 +254,16 @@ def _moving(
     return Sheet(window, matte, np.stack(responses), whole, np.stack(of_frames), until, power)
 
 
+def _mean(sheet: Sheet, shares: list[np.ndarray], stills: Stills) -> float:
+    """Mean light of a layer, where frames see it."""
+    light, seen = 0.0, 1e-9
+    for k, share in enumerate(in_frames(stills, shares)):
+        weight = (sheet.matte * share) ** 4 * stills.weights[k]
+        light += float(np.sum(weight * sheet.window.aside(sheet.until[k]).cut(stills.light[k])))
+        seen += float(np.sum(weight))
+    return light / seen if seen > 1e-6 else float(np.mean(stills.light))
+
+
 def _of_own_detail(sheet: Sheet, shares: list[np.ndarray], stills: Stills) -> Sheet:
     r"""A sheet with the power that its layer shows, band by band.
 
@@ -303,7 +314,8 @@ class Misfit:
     @staticmethod
     def of(sight: Sight) -> "Misfit":
         """That of the frames."""
-        level = sight.frames([np.full(s.size, sight.mean, np.float32) for s in sight.sheets])
+        pairs = zip(sight.sheets, sight.means, strict=True)
+        level = sight.frames([np.full(sheet.size, mean, np.float32) for sheet, mean in pairs])
         data = sight.layers(sight.inverse * (sight.stills.light - level))
         densities = sight.densities()
         pairs = zip(sight.sheets, densities, strict=True)
@@ -401,14 +413,14 @@ def pulled(differences: Float[np.ndarray, "2 m n"]) -> np.ndarray:
 
 def light_of(misfit: Misfit, decoder: AbstractDecoder) -> Layers:
     """Light of the layers by a decoder, white = 1."""
-    mean, sheets = np.float32(misfit.sight.mean), misfit.sight.sheets
+    means, sheets = misfit.sight.means, misfit.sight.sheets
     prior = Prior([1 / sheet.power for sheet in sheets])
     start = misfit.solved(misfit.data, [np.zeros_like(one) for one in misfit.data], prior)
     if isinstance(decoder, TotalVariationDecoder):
         start = _by_total_variation(misfit, decoder, start)
     elif isinstance(decoder, PlugAndPlayDecoder):
         start = _by_denoiser(misfit, decoder, start)
-    return [one + mean for one in start]
+    return [one + np.float32(mean) for one, mean in zip(start, means, strict=True)]
 
 
 def explaining(misfit: Misfit) -> Layers:
@@ -416,7 +428,8 @@ def explaining(misfit: Misfit) -> Layers:
     sheets = misfit.sight.sheets
     prior = Prior([_WEAK / sheet.power for sheet in sheets], _WEAK)
     start = [np.zeros_like(one) for one in misfit.data]
-    return [one + misfit.sight.mean for one in misfit.solved(misfit.data, start, prior)]
+    found = zip(misfit.solved(misfit.data, start, prior), misfit.sight.means, strict=True)
+    return [one + np.float32(mean) for one, mean in found]
 
 
 def _by_total_variation(misfit: Misfit, decoder: TotalVariationDecoder, start: Layers) -> Layers:
@@ -447,7 +460,7 @@ def _by_total_variation(misfit: Misfit, decoder: TotalVariationDecoder, start: L
 
 def _by_denoiser(misfit: Misfit, decoder: PlugAndPlayDecoder, start: Layers) -> Layers:
     """The steps of `PlugAndPlayDecoder`, where each pixel has an error of its own."""
-    layers, mean, sheets = start, misfit.sight.mean, misfit.sight.sheets
+    layers, means, sheets = start, misfit.sight.means, misfit.sight.sheets
     for fall in decoder.falling.tolist():
         weights = [decoder.strength / (fall**2 * error) for error in misfit.errors]
         flat = [
@@ -459,7 +472,7 @@ def _by_denoiser(misfit: Misfit, decoder: PlugAndPlayDecoder, start: Layers) -> 
         layers = misfit.solved(target, layers, prior, most=6)
         layers = [
             _denoised(decoder, light + mean, fall * np.sqrt(error), sheet.matte) - mean
-            for light, error, sheet in zip(layers, misfit.errors, sheets, strict=True)
+            for light, error, sheet, mean in zip(layers, misfit.errors, sheets, means, strict=True)
         ]
     return layers
 

@@ -4,7 +4,8 @@ A pixel belongs to a thing where each frame, given the others along the thing's 
 likelier than given the others along all else that may be seen there: the background at rest, with
 and without the thing before it, and other things. The logarithms of the likelihoods are of
 differences under a Gaussian, so that half of the pixels at an outline say nothing; of the masks
-that they allow the one of the shortest outline is taken.
+that they allow the one of the shortest outline is taken. In the end its length counts less where
+the light along the thing has an edge, at which things end rather than elsewhere.
 
 Within some pixels of that, the light of a pixel says how much of it the thing covers:
 $g = (b * m)\,a + (1 - b * m)\,h$ with the light $a$ of the thing, $h$ of what is behind it, and the
@@ -39,6 +40,9 @@ _BIAS = 0.04
 """The lead of all else, where nothing tells."""
 _EDGE, _FINE_EDGE = 1.5, 1.0
 """Logarithms of likelihoods that a pixel of outline has to bring: at first, and from mixed ones."""
+_SLOPE, _SLOPE_NOISE = 1.0, 1 / (4 * np.pi)
+"""Gaussian under which an edge of light is looked for, px, and the square of a slope there by noise
+of unit variance."""
 _INNER = 8
 """Pixels within an outline that are hardly of another thing."""
 _LIGHT = 0.5
@@ -126,8 +130,13 @@ class Along(NamedTuple):
         return self.taken(stack, ways) * self.seen
 
 
-def cut_out(arrangement: Arrangement) -> None:
-    """Draws the outline of each thing anew, all by the same light."""
+def cut_out(arrangement: Arrangement, *, at_edges: bool = False) -> None:
+    """Draws the outline of each thing anew, all by the same light.
+
+    Args:
+        arrangement: The things.
+        at_edges: Whether outlines are likelier at edges of the light along things than elsewhere.
+    """
     stills, things = arrangement.stills, arrangement.things
     coefficients = splines(stills.light)
     rest = given_others(stills, stills.light, pure(arrangement.ground))
@@ -157,10 +166,11 @@ def cut_out(arrangement: Arrangement) -> None:
         lead = np.sum(lead, axis=0) * _INDEPENDENT
         least = float(np.min(stills.weights))
         lead = np.where(given.others > 0.2 * least, lead, 0) - _BIAS
-        outlines.append((along.window, lead, given.others > 1.2 * least))
-    for thing, (window, lead, is_told) in zip(things, outlines, strict=True):
+        costs = _costs(stills, along) if at_edges else np.ones_like(lead)
+        outlines.append((along.window, lead, given.others > 1.2 * least, _EDGE * costs))
+    for thing, (window, lead, is_told, costs) in zip(things, outlines, strict=True):
         start = window.of(thing.matte)
-        mask = of_few_edges(start, lambda _, lead=lead: -lead, _EDGE, 0.35, 150) > 0.5
+        mask = of_few_edges(start, lambda _, lead=lead: -lead, costs, 0.35, 150) > 0.5
         # What one frame alone shows goes on from what several do, or is none of the thing.
         parts = np.empty(mask.shape, np.int32)
         ndimage.label(mask, output=parts)
@@ -168,6 +178,21 @@ def cut_out(arrangement: Arrangement) -> None:
         mask = np.isin(parts, 1 + np.flatnonzero(np.asarray(shares) > 0.5))
         thing.matte = window.placed(mask.astype(np.float32), stills.shape)
         thing.evidence = float(np.sum(lead * mask))
+
+
+def _costs(stills: Stills, along: Along) -> Mask:
+    """Cost of a pixel of outline: less where light along a thing is steeper than in the mean."""
+    weights = stills.weights[:, None, None].astype(np.float32) * along.seen
+    worth = np.sum(weights, axis=0)
+    mean = np.sum(weights * along.frames, axis=0) / np.maximum(worth, 1e-9)
+    light = smoothed(filled(mean, worth > 0), _SLOPE)
+    noise = (
+        _SLOPE_NOISE
+        * stills.typical_noise(light)
+        / np.maximum(worth, float(np.min(stills.weights)))
+    )
+    square = np.maximum(_square_slope(light) - noise, 0)
+    return (1 / (1 + square / (np.mean(square) + noise))).astype(np.float32)
 
 
 def _otherwise(arrangement: Arrangement, number: int, rest: np.ndarray) -> np.ndarray:
@@ -273,7 +298,16 @@ def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
         square, cross = _cover(stills, along, own, behind)
         blur = thing.velocity * stills.exposure
         near = along.window.of(from_outline(drawn[number] > 0.5) <= _REACH).astype(np.float32)
-        mattes.append(_solved((along.window, near), thing.matte, blur, square, cross - _BIAS))
+        mattes.append(
+            _solved(
+                (along.window, near),
+                thing.matte,
+                blur,
+                square,
+                cross - _BIAS,
+                _FINE_EDGE * _costs(stills, along),
+            )
+        )
     for thing, matte in zip(arrangement.things, mattes, strict=True):
         thing.matte = matte
 
@@ -340,6 +374,7 @@ def _solved(
     blur: Float[np.ndarray, "2"],
     square: Mask,
     cross: Mask,
+    costs: Mask,
 ) -> Mask:
     """The matte of least misfit and few edges, with edges as sharp as a pixel's."""
     window, near = where
@@ -355,8 +390,13 @@ def _solved(
     square, cross = square.astype(np.float32), cross.astype(np.float32)
     step = 1 / (float(square.max()) / 2 + 4)
     slope = lambda u: near * blurred(blurred(u) * square - cross)  # noqa: E731
-    solved = of_few_edges(part, slope, _FINE_EDGE, step, 60)
+    solved = of_few_edges(part, slope, costs, step, 60)
+    return window.placed(sharp(np.where(near > 0, solved, part)), matte.shape)
+
+
+def sharp(mask: Mask) -> Mask:
+    """A matte whose edges are those of a mask, as sharp as a pixel's."""
     # A step that is seen through a Gaussian says where it is.
-    through = np.clip(smoothed(np.where(near > 0, solved, part), _SHARP), 1e-4, 1 - 1e-4)
+    through = np.clip(smoothed(mask, _SHARP), 1e-4, 1 - 1e-4)
     distance = erfinv(2 * through - 1) * np.sqrt(2 * (_SHARP**2 + 1 / 12))
-    return window.placed(np.clip(0.5 + distance, 0, 1).astype(np.float32), matte.shape)
+    return np.clip(0.5 + distance, 0, 1).astype(np.float32)

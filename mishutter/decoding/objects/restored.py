@@ -142,7 +142,8 @@ def restored_objects(
     if told.labels is None or told.velocities is None:
         words = "be of a sensor at rest twice, or `speed` and `outlines` be given, to find objects"
         require(int(grey.rests.sum()) > 1, subject, words, Unquoted(f"{grey.rests.sum()} at rest"))
-    sought = found_in(few, told, lambda text, share: report(text, 0.6 * share))
+    known_of = knowledge_of(scene, few, in_plane=in_plane)
+    sought = found_in(few, told, lambda text, share: report(text, 0.6 * share), known_of)
     found = Arrangement(grey, sought.things, sought.order)
     light, composites = [], []
     for number, stills in enumerate(alone):
