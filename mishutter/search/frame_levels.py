@@ -27,7 +27,6 @@ from mishutter.evaluation.levels import Light, in_parts, psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid, require_velocities
-from mishutter.model.velocities import AbstractVelocities
 
 _NUM_FREQUENCIES, _NUM_LITERAL = 48, 256
 """Frequencies of a search, and of a level that is told."""
@@ -35,8 +34,6 @@ _NUM_POWERS = 8192
 """Frequencies of an axis at which its power is known."""
 _NUM_SPEEDS = 17
 """Speeds that stand for a range at each frequency."""
-_TURNS = 8
-"""Choices of components in the plane, of which each frequency has one."""
 _LEAST_RANGE = 5
 """Speeds in equal steps that are a range and no list."""
 _SHIFT = 1e-5
@@ -103,8 +100,6 @@ class Levels(NamedTuple):
         grid: Grid,
         unit: Float[np.ndarray, "axes 2"],
         offset: Float[np.ndarray, "2"],
-        *,
-        turned: bool = False,
     ) -> "Levels":
         """Those of a scene in the plane, by the velocities of a stage along some axes.
 
@@ -113,17 +108,15 @@ class Levels(NamedTuple):
             grid: Sizes of the fan of frequencies.
             unit: Directions of the axes.
             offset: Velocity of all of the camera beside the stage; px/s.
-            turned: Whether each frequency has velocities of its own, for frames of many numbers,
-                which would exploit what lies between few that are alike.
         """
         fan, light = Fan.of(scene, grid, turned=True), Light.of(scene)
         turn = np.stack([np.cos(fan.direction), np.sin(fan.direction)], axis=-1)
         frequency = np.asarray(fan.radius[:, None, None] * turn, np.float64).reshape(-1, 2)
-        law, turns = require_velocities(scene), _TURNS if turned else 1
-        speeds, shares = _components(law, np.ravel(fan.direction), grid.num_speeds, turns)
+        parts = require_velocities(scene).components(np.ravel(fan.direction), grid.num_speeds)
+        speeds, shares = (np.asarray(x, np.float64) for x in parts)
         temporal = np.hypot(*frequency.T)[:, None] * speeds - (frequency @ offset)[:, None]
         power = float(scene.picture.deviation) ** 2 * np.ravel(np.asarray(fan.weight))
-        weight = power[:, None] * shares
+        weight = np.broadcast_to(power[:, None] * shares, temporal.shape)
         signal = np.ravel(np.asarray(light.signal(fan), np.float64))
         return Levels(frequency @ unit.T, temporal, weight, signal, light)
 
@@ -288,25 +281,6 @@ def _straight(
     fourth = np.where(near, 1 / 5, -second - 2 * third / z + 4 * second / z**2 - 4 * odd / z**3)
     # The k-th derivative of the whole is $(-i)^k$ times the k-th moment.
     return even + 1j * c * second, 1j * odd - c * third, -second - 1j * c * fourth
-
-
-def _components(
-    law: AbstractVelocities, direction: Float[np.ndarray, "m"], count: int, turns: int
-) -> tuple[Float[np.ndarray, "m l"], Float[np.ndarray, "m l"]]:
-    """Components of velocities along directions, each of which takes one of some choices of them.
-
-    A list of velocities leaves no choice.
-    """
-    turns = 1 if law.cells(1) is None else turns
-    parts = law.components(direction, count * turns)
-    sizes = direction.size, np.shape(parts[0])[1]
-    speeds, shares = (np.broadcast_to(np.asarray(x, np.float64), sizes) for x in parts)
-    if turns == 1:
-        return speeds, shares
-    first = np.floor(np.arange(direction.size) * GOLDEN % 1 * turns).astype(int)
-    own = first[:, None] + turns * np.arange(count)
-    speeds, shares = (np.take_along_axis(x, own, axis=1) for x in (speeds, shares))
-    return speeds, shares / np.sum(shares, axis=1, keepdims=True)
 
 
 def is_range(speeds: Float[np.ndarray, "n"]) -> bool:

@@ -58,8 +58,6 @@ _MOST = 64
 """Most frames of a search."""
 _PIECES_OF_SINES, _PIECES_OF_FREE = 16, 16
 """Pieces of constant acceleration in all frames of two sines and of a free path, at least."""
-_STARTS = 2
-"""Ways along one axis from the best of which free paths descend, and as many on two."""
 
 
 @dataclass(frozen=True)
@@ -203,10 +201,9 @@ class _PlaneSearch(NamedTuple):
             for end in along
         ]
         made = self._bursts(stage, ends)
-        # Ends of so many numbers differ by more on the grid of a search than by what is told.
-        free = [self._burst(stage, x) for x in stage.free(flat, ends, progress=progress)]
+        free = self._bursts(stage, stage.free(flat, ends, progress=progress))
         top = max(burst.level for burst in (*bursts, *made))
-        return made + [x for x in free if x is not None and x.level >= top + _AS_GOOD]
+        return made + [burst for burst in free if burst.level >= top + _AS_GOOD]
 
     def _bursts(self, stage: "_Stage", ends: "Sequence[End | None]") -> list[Exposures]:
         """The best frames of each kind, fewer where more gain too little."""
@@ -277,27 +274,22 @@ class _Stage(NamedTuple):
         return Tie(kind, self.room, shape, *ends, unit, across, widest=widest)
 
     def free(self, *ends: "Sequence[End | None]", progress: Callable[[float], None]) -> list[End]:
-        """Good ends of descents in which each frame has numbers of its own, from the best ways."""
-        search, starts = self.search, list[End]()
-        found: list[End | None] = []
-        levels = Levels.in_plane(search.scene, SEARCHED, self.unit, search.offset, turned=True)
-        for some in ends:
-            few = [x for x in some if x and x.frames.exposure.size <= MOST_FREE]
-            kinds = {x.kind: x for x in sorted(few, key=lambda x: x.level)}
-            starts += sorted(kinds.values(), key=lambda x: -x.level)[:_STARTS]
-        for index, each in enumerate(starts):
-            progress(0.7 + 0.2 * index / len(starts))
-            count = each.frames.exposure.size
-            shape = Shape(count, max(-(-_PIECES_OF_FREE // count), 1), 2)
-            start = _resampled(each.frames, shape.pieces)
-            start = shaken(start, np.random.default_rng(count), self.room, 0.01)
-            found.append(Descent(levels, self.room, shape).free(start))
+        """Ends of descents in which each frame has numbers of its own, from the best of each."""
+        found = []
+        for index, some in enumerate(ends):
+            progress(0.7 + 0.2 * index / len(ends))
+            best = best_of([x for x in some if x and x.frames.exposure.size <= MOST_FREE])
+            if best is not None:
+                count = best.frames.exposure.size
+                shape = Shape(count, max(-(-_PIECES_OF_FREE // count), 1), 2)
+                start = _resampled(best.frames, shape.pieces)
+                start = shaken(start, np.random.default_rng(count), self.room, 0.01)
+                found.append(Descent(self.levels, self.room, shape).free(start))
         best = best_of(found)
         if best is None:
             return []
         progress(0.9)
-        found += again(levels, self.room, best, near(self.room), times=1)
-        return [x for x in found if x is not None and x.level >= best.level - 2 * _AS_GOOD]
+        return [best, *again(self.levels, self.room, best, near(self.room), times=1)]
 
     def made(self, frames: Frames) -> FramePath:
         """The frames and the path of the sensor through them, in the plane."""

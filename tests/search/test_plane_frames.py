@@ -29,7 +29,7 @@ from mishutter.model.sequences import PlaneFrames
 from mishutter.report.documents import Report
 from mishutter.report.in_plane import answer_in_plane, compare_in_plane
 from mishutter.report.plots import plot_design
-from mishutter.search.frame_levels import Frames, Levels, _components
+from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_ties import FREE, RING, Tie
 from mishutter.search.plane_frames import PlaneSearch
@@ -170,23 +170,6 @@ def test_frames_pan_with_velocities_that_have_a_mean():
             np.testing.assert_allclose(middle, [1000.0, 400.0], rtol=0.25)
             assert float(best.frames.use(limits).stroke) > 10
     assert levels["camera"] > levels["stage"] + 0.5
-
-
-@pytest.mark.parametrize("mean", [(0.0, 0.0), (700.0, -400.0)])
-def test_free_paths_meet_other_velocities_at_each_frequency(mean):
-    """Their mean square stays that of the law; a list has those that it says."""
-    directions = np.linspace(0, np.pi, 40)
-    law = EvenVelocities(900.0, mean=mean)
-    speeds, shares = _components(law, directions, 16, 8)
-    assert len({tuple(np.round(row - np.mean(row), 3)) for row in speeds}) >= 8
-    np.testing.assert_allclose(np.sum(shares, axis=1), 1)
-    middle = np.cos(directions) * mean[0] + np.sin(directions) * mean[1]
-    squares = np.sum(shares * (speeds - middle[:, None]) ** 2, axis=1)
-    np.testing.assert_allclose(squares, 900.0**2 / 4, rtol=0.02)
-    listed = ListedVelocities([(900.0, 100.0), (300.0, 700.0)])
-    speeds, shares = _components(listed, directions, 16, 8)
-    np.testing.assert_allclose(speeds[:, 0], 900 * np.cos(directions) + 100 * np.sin(directions))
-    np.testing.assert_allclose(shares, 0.5)
 
 
 @pytest.mark.slow
