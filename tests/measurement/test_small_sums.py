@@ -14,6 +14,7 @@ from mishutter.measurement.motion import (
     _is_same,
     _lead,
     _leap,
+    _object,
     _track,
     read_in_turn,
 )
@@ -42,7 +43,7 @@ from mishutter.measurement.steady import (
     means,
 )
 from mishutter.measurement.texture import averaged, is_mosaic
-from mishutter.pictures.registration.sweep import Smoothed, Sweep
+from mishutter.pictures.registration.sweep import Region, Smoothed, Sweep
 
 ENDS = -np.inf, np.inf
 
@@ -313,6 +314,20 @@ def test_a_thing_is_tracked_over_a_frame_that_was_lost():
     wanted = (np.array(numbers[:6]) - 2)[:, None] * np.array([2, -3])
     np.testing.assert_allclose(places, wanted, atol=0.1)
     assert _leap(times, places, np.array([2.0, -3.0])) == (3, 2)
+
+
+def test_two_errors_of_a_velocity_add_up_by_their_squares(monkeypatch):
+    """That of the noise, and the floor over the frames that it was refined by."""
+    velocity, spread = np.array([1.0, -2.0]), np.diag([0.03**2, 0.004**2])
+    monkeypatch.setattr(Region, "polished", lambda _, velocity: (velocity, spread, 1.0))
+    monkeypatch.setattr(Region, "descended", lambda _, velocity, *steps: velocity)
+    fine = Smoothed.of(np.zeros((9, 60, 70), np.float32), np.arange(9.0), 1.0)
+    mask = np.zeros((60, 70), bool)
+    mask[20:50, 10:45] = True
+    sweep = Sweep(np.zeros((1, 2)), np.ones((1, 3, 4)), 1.0, 16, 0.1)
+    each, _ = _object(fine, 2, velocity, mask, [sweep])
+    assert each.error == pytest.approx((np.hypot(0.03, 0.05 / 6), np.hypot(0.004, 0.05 / 6)))
+    assert (each.centre, each.area, each.frame) == ((34.5, 27.0), 30 * 35, 2)
 
 
 def test_a_lead_is_that_of_the_tiles_about_the_middle():
