@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks import harness
-from mishutter import BurstMode, FrameSequence, Limits, Scene
+from mishutter import BurstMode, Exposures, Limits, Scene
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
@@ -133,7 +133,7 @@ def long_search(scene: Scene, count: int, seed: int) -> tuple[float, int]:
     return max(told, default=-np.inf), len(found)
 
 
-def by_quadrature(scene: Scene, sequence: FrameSequence) -> float:
+def by_quadrature(scene: Scene, sequence: Exposures) -> float:
     """The level of frames from its formula; dB."""
     u = (np.arange(768) + 0.5) / 768
     f, step = u**2 / 2, 2 * u / 2 / 768
@@ -160,7 +160,7 @@ def transfer(frame: Any, f: Float[np.ndarray, "m"], speeds: Any) -> Any:
     return np.stack([np.exp(-2j * np.pi * np.outer(f, way)) @ weight for way in ways])
 
 
-def share_of_limits(scene: Scene, sequence: FrameSequence) -> float:
+def share_of_limits(scene: Scene, sequence: Exposures) -> float:
     """The largest share of a limit that a sampled path takes, from rest to rest."""
     path, limits = sequence.stage_paths_within(scene.limits).get(""), scene.limits
     if path is None:
@@ -181,7 +181,7 @@ def share_of_limits(scene: Scene, sequence: FrameSequence) -> float:
 def measured(index: int) -> dict[str, Any]:
     """Both searches of one scene."""
     scene, begun = scene_of(index), time.process_time()
-    ours = cast(FrameSequence, best_moving_burst(scene))
+    ours = cast(Exposures, best_moving_burst(scene))
     own, begun = time.process_time() - begun, time.process_time()
     level, descents = long_search(scene, cast(BurstMode, scene.burst).max_frames or 2, index)
     return {

@@ -28,7 +28,7 @@ from benchmarks.bursts import (
     explain_map,
     gains_on_grid,
 )
-from mishutter import BurstMode, Limits, PlaneFrames, Scene, plane_psnr
+from mishutter import BurstMode, Limits, PlaneFrames, Scene, exposures_psnr
 from mishutter.evaluation.fans import SEARCHED
 from mishutter.search.frame_ties import BRACKETED, STILLS, TWO_SINES
 from mishutter.search.plane_frames import _PlaneSearch
@@ -113,7 +113,7 @@ def unlimited_exposure(scene: Scene, count: int) -> float:
         frames = PlaneFrames(
             exposure * np.arange(count), np.full(count, exposure), np.ones(1), np.zeros((2, 2))
         )
-        return -float(plane_psnr(scene, frames, grid=SEARCHED))
+        return -float(exposures_psnr(scene, frames, grid=SEARCHED))
 
     ends = (math.log(1e-5), math.log(2 * WINDOW))
     end: Any = minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 0.02})

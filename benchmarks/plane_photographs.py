@@ -89,7 +89,7 @@ class Camera(NamedTuple):
             )
 
         def loss(power: float) -> float:
-            return -float(ms.plane_psnr(self.scene, frames(math.exp(power))))
+            return -float(ms.exposures_psnr(self.scene, frames(math.exp(power))))
 
         best: Any = minimize_scalar(loss, bounds=(-5, 0), method="bounded", options={"xatol": 0.02})
         return frames(math.exp(best.x))
@@ -160,7 +160,7 @@ def levels_of(
     squares = [(np.asarray(each.light) - truth) ** 2 for each in (found, told)]
     whole, told_whole = (decibels(np.mean(each)) for each in squares)
     middle, told_middle = (decibels(np.mean(each[inner, inner])) for each in squares)
-    formula = float(ms.plane_psnr(one, frames))
+    formula = float(ms.exposures_psnr(one, frames))
     levels = Levels(formula, whole, middle, told_whole, told_middle)
     return levels, Judged.of(found.estimate, velocity, camera)
 

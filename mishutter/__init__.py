@@ -34,13 +34,10 @@ Designs and their rivals
     best_sequence             the frames to take of a camera with a `BurstMode`
     best_in_plane             the frames to take of things that move in any direction
     PlaneSearch               what it returns: the best frames of each kind of way
-    PlaneBurst                `Exposures` by another name, of those in the plane
     PlaneDesign               one of them with its scene, and their file
     PlaneFrames               frames and a path in the plane
-    plane_psnr                `exposures_psnr` by another name
     exposures_psnr            level of frames along an axis or in the plane, with derivatives
     Exposures                 what `best_sequence` returns: frames, their path and their level
-    FrameSequence             `Exposures` by another name, of those along one axis
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
     DesignParameters          designs within the limits, for your own optimisers

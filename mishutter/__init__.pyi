@@ -48,7 +48,6 @@ from .design.design import Design as Design
 from .design.design import Outcome as Outcome
 from .evaluation.ceilings import ceiling as ceiling
 from .evaluation.levels import exposures_psnr as exposures_psnr
-from .evaluation.levels import plane_psnr as plane_psnr
 from .evaluation.losses import AbstractLoss as AbstractLoss
 from .evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from .evaluation.losses import DesignLoss as DesignLoss
@@ -83,8 +82,6 @@ from .model.devices import FirstOrderDevice as FirstOrderDevice
 from .model.devices import IdealDevice as IdealDevice
 from .model.devices import SwitchedDevice as SwitchedDevice
 from .model.exposures import Exposures as Exposures
-from .model.exposures import FrameSequence as FrameSequence
-from .model.exposures import PlaneBurst as PlaneBurst
 from .model.limits import Limits as Limits
 from .model.measurement_errors import MeasurementErrors as MeasurementErrors
 from .model.motion import FreeMotion as FreeMotion

@@ -174,11 +174,12 @@ FUNCTIONS = {
     ),
     "optimise": lambda: Asked(_named(ms.optimise, "scene", "motion", "shutter"), (), DESIGN),
     "exposures_psnr": lambda: Asked(
-        lambda frames: ms.exposures_psnr(SCENE, frames, num_panels=8), (), (FRAMES,)
-    ),
-    "plane_psnr": lambda: Asked(
-        lambda frames: ms.plane_psnr(scene_of("A"), frames, num_panels=2),
+        lambda plane, along: (
+            ms.exposures_psnr(scene_of("A"), plane, num_panels=2),
+            ms.exposures_psnr(SCENE, along, num_panels=8),
+        ),
         (frames_of("A", 2, "still"),),
+        (FRAMES,),
     ),
     "psnr": lambda: Asked(ms.psnr, (), (LIGHT, LIGHT**1.1)),
     "read_noise_from_dynamic_range": lambda: Asked(

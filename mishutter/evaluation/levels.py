@@ -93,10 +93,6 @@ def exposures_psnr(
     return level_of(scene, exposures, caller, grid, lights=lights, num_panels=num_panels)
 
 
-plane_psnr = exposures_psnr
-"""Its name in earlier versions, for scenes in the plane."""
-
-
 def level_of(
     scene: Scene,
     exposures: Frames | Exposures | Instants,

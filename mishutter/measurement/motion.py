@@ -21,7 +21,7 @@ from mishutter.pictures.registration.search import (
     around,
     searched,
 )
-from mishutter.pictures.registration.sweep import ROBUST, Region, Smoothed, Sweep
+from mishutter.pictures.registration.sweep import ROBUST, UNCERTAIN, Region, Smoothed, Sweep
 from mishutter.pictures.registration.windows import Window
 
 MOST_FRAMES = 16
@@ -264,6 +264,8 @@ def _object(
         velocity, covariance, residual, used = other, spread, left, reach
         if reach >= farthest:
             break
+    # Where noise explains all that is seen, frames tell no more than was assumed.
+    is_told = used * np.sqrt(np.linalg.eigvalsh(covariance)[-1]) < UNCERTAIN / 2
     # Splines and exposures leave an error of a shift, in px.
     error = np.sqrt(np.diag(covariance) + (0.05 / used) ** 2)
     # A clip without one of its frames shows every other step right.
@@ -282,7 +284,7 @@ def _object(
         error=(float(error[0]), float(error[1])),
         centre=(float(rows.mean()), float(columns.mean())),
         area=int(mask.sum()),
-        lead=max(_lead(sweep, velocity, mask) for sweep in sweeps),
+        lead=max(_lead(sweep, velocity, mask) for sweep in sweeps) if is_told else 0.0,
         residual=residual,
         frame=reference,
         leap=leap,

@@ -114,8 +114,10 @@ def _black_of(
     if dark is None:
         return told, source, None, []
     usual = [_usual(frame, clip.step) for frame in dark]
-    # A few dark pixels at level 0 change their mean and variance by little.
-    if np.mean(np.concatenate(usual) <= 0) > 0.03 and clip.step > 0:
+    every = np.concatenate(usual)
+    # A few dark pixels at level 0 change their mean and variance by little; levels below it do not
+    # end there.
+    if clip.step > 0 and every.min() >= 0 and np.mean(every == 0) > 0.03:
         reason = "dark frames are cut off at their lowest level"
         remedy = "Raise the camera's black level (offset) until dark frames show all noise"
         return told, source, None, [Refusal("the level of black", reason, remedy)]

@@ -400,7 +400,3 @@ def turned_by(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarra
     centre, most = velocities.centre, float(limits.max_pan) if limits.pans == "camera" else 0.0
     speed = float(np.hypot(*centre))
     return centre * min(1.0, most / speed) if speed > 0 else centre
-
-
-FrameSequence = PlaneBurst = Exposures
-"""Its names in earlier versions, of exposures along one axis and in the plane."""

@@ -137,13 +137,9 @@ def _png(figure: "Figure") -> bytes:
 def plot_profiles(designs: Named, *, explains_ears: bool = True) -> "Figure":
     """Draws transmittance over the exposure, each design over its own time in ms."""
     figure, (axes,) = _new(1)
-    tau = np.linspace(-1, 1, _NUM_POINTS)
     ears: list[tuple[float, float]] = []
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
-        half = float(motion.half_exposure) * 1e3
-        dtype = np.dtype(motion.half_exposure.dtype)
-        w, efficiency = profile_of(shutter, tau.astype(dtype))
-        time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
+        time, w, efficiency = _over_exposure(motion, shutter)
         label = f"{shown_name(name)}, passes {efficiency:.0%}"
         axes.plot(time, w, label=label, **style)
         if isinstance(command_of(shutter), SplineShutter):
@@ -165,6 +161,15 @@ def plot_profiles(designs: Named, *, explains_ears: bool = True) -> "Figure":
             fontsize="small",
         )
     return figure
+
+
+def _over_exposure(
+    motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times"], float]:
+    """Times of an exposure, ms, the transmittance, which is 0 before and after, and its mean."""
+    tau, half = np.linspace(-1, 1, _NUM_POINTS), motion.half_exposure
+    transmittance, mean = profile_of(shutter, tau.astype(np.dtype(half.dtype)))
+    return np.pad(tau * float(half) * 1e3, 1, "edge"), np.pad(transmittance, 1), mean
 
 
 def _ears(transmittance: Float[np.ndarray, "times"]) -> list[int]:
@@ -197,21 +202,20 @@ def plot_design(design: AbstractDesign) -> "Figure":
     motion = design.motion
     figure, (top, bottom) = _new(2, height=2.4, share=True)
     leave_room(figure, top=0.4, num_rows=2)
-    half = float(motion.half_exposure) * 1e3
-    tau = np.linspace(-1, 1, _NUM_POINTS, dtype=np.dtype(motion.half_exposure.dtype))
     drawn = {"sent to the device": design.command} if design.scene.device is not None else {}
     for (name, shutter), style in zip(
         ({"transmittance": design.shutter} | drawn).items(), line_styles(), strict=False
     ):
-        time, values = np.pad(tau * half, 1, "edge"), np.pad(profile_of(shutter, tau)[0], 1)
+        time, values, _ = _over_exposure(motion, shutter)
         top.plot(time, values, label=name, **style)
     level = next(iter(design.levels.values()))
     top.set_title(f"{motion_text(motion)}, {level:.2f} dB", fontsize="medium")
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     if drawn:
         top.legend(loc="lower center", fontsize="small")
-    path = np.asarray(motion.position(tau * half * 1e-3))
-    bottom.plot(tau * half, path, **next(line_styles()))
+    half, dtype = float(motion.half_exposure), np.dtype(motion.half_exposure.dtype)
+    time = np.linspace(-half, half, _NUM_POINTS, dtype=dtype)
+    bottom.plot(time * 1e3, np.asarray(motion.position(time)), **next(line_styles()))
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
 
@@ -258,8 +262,7 @@ def plot_drive(table: DriveTable) -> "Figure":
     top.plot(edges[:-1] + step / 2, table.wanted, label="sent as designed", **second)
     time, motion = np.linspace(edges[0], edges[-1], _NUM_POINTS), table.design.motion
     if table.design.scene.device is not None:
-        tau = np.linspace(-1, 1, _NUM_POINTS, dtype=np.dtype(motion.half_exposure.dtype))
-        passed, _ = profile_of(table.passed(), tau)
+        passed = _over_exposure(motion, table.passed())[1][1:-1]
         top.plot(time, passed, label="behind the device", **third)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
@@ -329,9 +332,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
             axes.plot(time * 1e3, place, label=label, **next(line_styles()))
     for below in others:
         axes.set_xlabel("")
-        tau, half = np.linspace(-1, 1, _NUM_POINTS), row.motion.half_exposure
-        transmittance, _ = profile_of(row.shutter, tau.astype(np.dtype(half.dtype)))
-        below.plot(tau * float(half) * 1e3, transmittance, **next(line_styles()))
+        below.plot(*_over_exposure(row.motion, row.shutter)[:2], **next(line_styles()))
         below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     travel = ", at rest" if is_still else f", {row.stroke:.3g} px from first to last light"
     part = "stage" if scene.limits.moves else "sensor"

@@ -17,7 +17,7 @@ from mishutter.evaluation.bursts import (
     some_numbers,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
-from mishutter.evaluation.fans import MEASURED, Grid
+from mishutter.evaluation.fans import MEASURED, SEARCHED
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.sequences import loss_of_width, with_losses
 from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
@@ -43,17 +43,17 @@ from mishutter.search.frame_ties import (
     CROSSED,
     MOST_FREE,
     RING,
+    SIMPLEST_FIRST,
     STILLS,
     TWO_SINES,
     WAYS,
     WAYS_ON_TWO_AXES,
     Tie,
 )
+from mishutter.search.frame_words import kind_of
 
 _AS_GOOD = 0.05
 """Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
-_SEARCHED = Grid(24, 8, 16)
-"""The grid of a search."""
 _MOST = 64
 """Most frames of a search."""
 _PIECES_OF_SINES, _PIECES_OF_FREE = 16, 16
@@ -166,7 +166,7 @@ class _PlaneSearch(NamedTuple):
             if self.scene.limits.axes != "one":
                 bursts += self._on_two_axes(one, along, bursts, progress)
         return PlaneSearch(
-            snapshot, tuple(bursts), self._ceiling({*self.counts, bursts[0].num_frames})
+            snapshot, _best_of_each(bursts), self._ceiling({*self.counts, bursts[0].num_frames})
         )
 
     def stills(self, times: FrameTimes) -> Exposures:
@@ -230,9 +230,9 @@ class _PlaneSearch(NamedTuple):
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        kind = end.kind if burst.num_axes else STILLS
         psnr = float(exposures_psnr(self.scene, made))
-        return exposures_in_plane(self.scene, kind, made, psnr, width_loss=loss)
+        found = exposures_in_plane(self.scene, end.kind, made, psnr, width_loss=loss)
+        return replace(found, kind=kind_of(found) if found.num_axes else STILLS)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""
@@ -241,7 +241,7 @@ class _PlaneSearch(NamedTuple):
         room = Room.of(self.scene.limits, self.times, self.law.fastest)
         top = float(self.scene.limits.max_top_speed) - float(np.hypot(*self.offset))
         room = room._replace(top_speed=min(room.top_speed, top), turns=False)
-        levels = Levels.in_plane(self.scene, _SEARCHED, unit, self.offset)
+        levels = Levels.in_plane(self.scene, SEARCHED, unit, self.offset)
         return _Stage(self, unit, along, levels, room)
 
 
@@ -264,7 +264,7 @@ class _Stage(NamedTuple):
     def _tie(self, kind: str, shape: Shape) -> Tie:
         """Frames of few numbers, about the mean of the things."""
         law, offset = self.search.law, self.search.offset
-        speeds, weights = law.components(np.array([law.axis]), _SEARCHED.num_speeds)
+        speeds, weights = law.components(np.array([law.axis]), SEARCHED.num_speeds)
         occurring = np.asarray(speeds)[np.asarray(weights) > 0] - self.along @ offset
         centre = law.centre - offset
         aside = centre - (centre @ self.along) * self.along
@@ -331,6 +331,16 @@ class _Stage(NamedTuple):
         return np.diff(times), np.stack(values, axis=-1)[1:]
 
 
+def _best_of_each(bursts: Sequence[Exposures]) -> tuple[Exposures, ...]:
+    """The best of those that go the same way on as many axes, the simplest first."""
+    kept: dict[tuple[int, str], Exposures] = {}
+    for burst in sorted(bursts, key=lambda x: (x.num_axes, SIMPLEST_FIRST.index(x.kind))):
+        before = kept.get(key := (burst.num_axes, burst.kind))
+        if before is None or burst.level > before.level + _AS_GOOD / 2:
+            kept[key] = burst
+    return tuple(kept.values())
+
+
 def _resampled(frames: Frames, pieces: int) -> Frames:
     """The frames by the velocities at the ends of other pieces."""
     old, new = (np.linspace(0, 1, n + 1) for n in (frames.velocity.shape[1] - 1, pieces))
@@ -347,7 +357,7 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
 
 def grid_words() -> str:
     """The computations of a search in the plane, in words."""
-    radii, angles, speeds, corner = _SEARCHED
+    radii, angles, speeds, corner = SEARCHED
     finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
     ways = ", ".join((STILLS, BRACKETED, *WAYS, CIRCLE, TWO_SINES, CROSSED, RING))
     return (

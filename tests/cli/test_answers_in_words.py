@@ -41,6 +41,7 @@ from mishutter.decoding.frame_velocity import VelocityEstimate
 from mishutter.decoding.objects.restored import FoundObject
 from mishutter.decoding.sequences import RestoredFrames
 from mishutter.evaluation.metrics import METRICS
+from mishutter.pictures.images import Capture
 
 COVARIANCE = np.array([[130.0, -60.0], [-60.0, 70.0]])
 """Of which the longer half axis is 13.1 px/s."""
@@ -370,3 +371,43 @@ def test_things_in_any_direction_need_time_for_two_frames(burst, line):
     plane_command.refuse_in_plane({"--free": None, "--loss": False})
     with pytest.raises(ValueError, match="`--loss` must be left out for things that move in any"):
         plane_command.refuse_in_plane({"--free": None, "--loss": "design"})
+
+
+def a_capture(name, *shape, level=0.4):
+    light = np.full(shape, level, np.float32)
+    return Capture(light, Path(name), "", 0.0, 1.0, 1.0, is_whole=False)
+
+
+def test_frames_of_a_burst_are_alike():
+    """As many as it has, of one size and as many colours; the odd one is named beside the first."""
+    burst, first = a_burst_design().exposures, a_capture("a.tif", 4, 6, 1)
+    for others, line in (
+        (["b.tif", 4, 7, 1], r"`b.tif` must be as large as a.tif; got \(4, 7\)"),
+        (["b.tif", 4, 6, 3], "`b.tif` must have as many colours as a.tif; got 3 beside 1"),
+    ):
+        seen = [first, a_capture(*others)]
+        with pytest.raises(ValueError, match=line):
+            restore_command._together(seen, restore_command._Label.of_all(seen), burst)
+    with pytest.raises(ValueError, match="must be the 2 frames of the burst; got 1"):
+        restore_command._together([first], restore_command._Label.of_all([first]), burst)
+    both = [first, a_capture("b.tif", 4, 6, 1, level=0.7)]
+    labels = restore_command._Label.of_all(both)
+    ((capture, label, light),) = restore_command._together(both, labels, burst)
+    assert (capture, label) == (first, labels[0])
+    np.testing.assert_allclose(light, np.stack(burst.of_own_whites(x.light for x in both)))
+    alone = restore_command._together(both, labels, None)
+    assert [(one, each) for one, each, _ in alone] == list(zip(both, labels, strict=True))
+
+
+@pytest.mark.parametrize("ratio", [1.5, 1.75])
+def test_frames_that_differ_in_light_are_warned_of(ratio, capsys):
+    """The brighter is named beside the darker, whichever comes first; so is an order of names."""
+    seen = [a_capture(f"{name}.tif", 4, 6, 1) for name in ("f2", "f10", "f7")]
+    labels = restore_command._Label.of_all(seen)
+    light = np.array([0.4, 0.4 / ratio, 0.3])[:, None, None, None] * np.ones((3, 4, 6, 1))
+    restore_command._note_frames(labels, light)
+    err = " ".join(capsys.readouterr().err.split())
+    assert ("f2.tif is 1.8 times as bright as f10.tif" in err) == (ratio > 1.6)
+    assert "names are out of order are used in the order given: f2, f10, f7" in err
+    restore_command._note_frames(labels[:2], 0 * light[:2] + 0.3)
+    assert capsys.readouterr().err == ""

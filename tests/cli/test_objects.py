@@ -30,7 +30,7 @@ def design(frames=FRAMES):
         occlusion=ms.Occlusion(front_share=0.2, object_width=50.0),
     )
     own = given_design(scene, ms.StillCamera(half_exposure=2e-3), ms.RectShutter(), "Given.")
-    return replace(own, sequence=ms.FrameSequence("own", frames, 0.0, 31.0, 30.0))
+    return replace(own, sequence=ms.Exposures("own", frames, 0.0, 31.0, 30.0))
 
 
 def layers():

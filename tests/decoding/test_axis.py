@@ -11,8 +11,8 @@ from support.designs import MOTION
 from support.photographs import photograph
 
 from mishutter import (
+    Exposures,
     Footage,
-    FrameSequence,
     Layer,
     Layers,
     Limits,
@@ -117,7 +117,7 @@ def test_captured_and_restored_in_portions(kind):
 def test_a_burst_captured_and_restored_in_portions(light):
     """The same of its frames, each of which is turned by itself."""
     frames = tuple(TimedFrame(StillCamera(half_exposure=1e-3), time) for time in (-0.013, 0.011))
-    burst = FrameSequence("stills", frames, 0.0, 31.0, 30.0)
+    burst = Exposures("stills", frames, 0.0, 31.0, 30.0)
     options = {"speed": 450.0, "key": jax.random.key(3), "rows_at_once": 20}
     down_light = light.swapaxes(0, 1)
     across = capture_and_restore(light, ACROSS, burst, **options)

@@ -572,6 +572,7 @@ def test_an_outline_pushes_as_least_squares_say():
     thing, stills = found.things[number], found.stills
     light = np.full(along.frames.shape[1:], 0.9)
     push = _at_outline(found, number, (along, front), light, lights)
+    assert push.by_noise == 0
     window, ways = thing.window, stills.ways(thing.velocity)
     behind = behind_in_frames(found, lights, number)
     hidden = splines(behind)

@@ -20,7 +20,7 @@ from mishutter import (
     TotalVariationDecoder,
     WienerDecoder,
     example_picture,
-    plane_psnr,
+    exposures_psnr,
     psnr,
     restore_frames,
     simulate_frames,
@@ -71,7 +71,7 @@ def test_fields_are_restored_as_well_as_the_formula_says(kind):
         light = np.asarray(restore_frames(captures, SCENE, frames, speed=velocity).light)
         inner = slice(48, -48)
         errors.append(np.mean((light - truth)[inner, inner] ** 2))
-        formula = 10 ** (-float(plane_psnr(told, frames)) / 10)
+        formula = 10 ** (-float(exposures_psnr(told, frames)) / 10)
         errors[-1] /= formula
     assert 10 * np.log10(np.mean(errors)) == pytest.approx(0, abs=0.25)
 

@@ -29,7 +29,7 @@ from mishutter.decoding.frame_doubts import odd_frame
 from mishutter.decoding.frame_likelihood import Own, Prior, climbed, peak_near
 from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.simulation import capture_and_restore
-from mishutter.model.exposures import FrameSequence
+from mishutter.model.exposures import Exposures
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
@@ -628,7 +628,7 @@ def test_a_speed_that_is_told_is_finite(speed):
 @pytest.mark.parametrize("shape", [(3,), (2, 2)])
 def test_a_burst_is_refused_before_it_is_captured(shape):
     """Numbers that are no key are named at once, as of one exposure."""
-    sequence, news = FrameSequence("stills", tuple(stills(3)), 0.0, 30.0, 29.0), []
+    sequence, news = Exposures("stills", tuple(stills(3)), 0.0, 30.0, 29.0), []
     with pytest.raises(ValueError, match=r"`capture_and_restore\(key=...\)` must be one key"):
         capture_and_restore(
             np.full((3, 90), 0.4),

@@ -12,7 +12,7 @@ from mishutter import (
     PlaneFrames,
     RingOfVelocities,
     Scene,
-    plane_psnr,
+    exposures_psnr,
 )
 from mishutter.evaluation.sequences import loss_of_width
 
@@ -31,7 +31,7 @@ def moving_at(velocity) -> Scene:
 
 
 def error(scene: Scene, frames: PlaneFrames) -> float:
-    return 10 ** (-float(plane_psnr(scene, frames)) / 10)
+    return 10 ** (-float(exposures_psnr(scene, frames)) / 10)
 
 
 @pytest.mark.parametrize(("turn", "sign"), [(0, 1), (1, -1)])

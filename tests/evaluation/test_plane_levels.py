@@ -9,6 +9,7 @@ from support import plane
 from mishutter import (
     EvenVelocities,
     ListedVelocities,
+    Occlusion,
     Optics,
     ParabolicMotion,
     RingOfVelocities,
@@ -284,6 +285,21 @@ def test_water_is_poured_where_it_gains_most():
     best = float(np.min((1 / (1 + rho)) @ mass))
     assert least <= best
     assert least == pytest.approx(best, abs=2e-3)
+
+
+def test_the_ceiling_before_a_background_is_that_of_its_parts():
+    """Of the objects by their share, and of what rests, with which any path keeps up."""
+    light, exposures = {"photon_rate": 3e4, "read_noise": 9.0}, np.array([0.01, 0.002, 0.006])
+
+    def error(law, **others):
+        scene = Scene.any_direction(law, **light, **others)
+        return 10 ** (-exposures_ceiling(scene, exposures, grid=COARSE) / 10)
+
+    objects, rest = EvenVelocities(2100.0, 700.0, angle=0.4), ListedVelocities([[1.0, 0.0]])
+    layers = Occlusion(front_share=0.2, object_width=50.0)
+    wanted = 0.2 * error(objects) + 0.8 * error(rest)
+    assert error(objects, occlusion=layers) == pytest.approx(wanted, rel=1e-9)
+    assert error(objects) > 1.2 * error(rest)
 
 
 def test_the_ceiling_of_uneven_speeds_is_lower_than_that_of_their_peak():

@@ -13,7 +13,15 @@ import pytest
 from support.bursts import a_burst_design
 from support.plane import a_plane_design
 
-from mishutter import Limits, PlaneDesign, SecondOrderStage, Sensor, cli, frame_table, plane_psnr
+from mishutter import (
+    Limits,
+    PlaneDesign,
+    SecondOrderStage,
+    Sensor,
+    cli,
+    exposures_psnr,
+    frame_table,
+)
 from mishutter.hardware.drive_files import DRIVE_FORMATS, WITH_POSITIONS, drive_bytes
 from mishutter.hardware.stage_files import with_way_back
 
@@ -158,8 +166,8 @@ def test_a_gate_costs_what_its_frames_lose():
     gated = eqx.tree_at(
         lambda x: (x.times, x.exposures), whole, (times - [step / 2, step / 2, 0], short)
     )
-    assert table.gated_psnr == pytest.approx(float(plane_psnr(design.scene, gated)), abs=1e-6)
-    assert table.gated_psnr < float(plane_psnr(design.scene, whole)) - 0.01
+    assert table.gated_psnr == pytest.approx(float(exposures_psnr(design.scene, gated)), abs=1e-6)
+    assert table.gated_psnr < float(exposures_psnr(design.scene, whole)) - 0.01
 
 
 def test_export_writes_both_axes(tmp_path, capsys):

@@ -58,6 +58,10 @@ def test_labels_are_where_objects_are(motion):
         speeds = [np.hypot(*(np.array(t.velocity) - each.velocity)) for t in CLIP.things]
         assert own.argmax() == 1 + int(np.argmin(speeds))
     assert abs(motion.share_at_rest - np.mean(truth == 0)) < 0.06
+    assert motion.share_at_rest == pytest.approx(np.mean(motion.labels == 0))
+    assert motion.share_unexplained == pytest.approx(np.mean(motion.labels < 0))
+    areas = [each.area for each in motion.objects]
+    assert areas == sorted(areas, reverse=True)
     begins = np.sum((truth[:, 1:] > 0) & (truth[:, :-1] == 0))
     assert motion.width[0] == pytest.approx(np.sum(truth > 0) / begins, rel=0.25)
 
@@ -239,9 +243,10 @@ def test_a_lost_frame_is_seen_and_counted(lost):
 
 
 @pytest.mark.slow
-def test_noise_of_rows_makes_no_object():
-    """Among dim points that stand still."""
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize("seed", [2, 9])
+def test_noise_of_rows_makes_no_object(seed):
+    """Among dim points that stand still, of a lead that is too small, or where nothing is told."""
+    rng = np.random.default_rng(seed)
     rows, columns = np.mgrid[:256, :256]
     light = 3 * np.exp(-rows / 40)
     for y, x in rng.uniform(5, 250, (15, 2)):

@@ -230,6 +230,15 @@ def test_a_whole_clip_has_no_sign():
     assert not found(still.levels(), still)[1].refusals
 
 
+def test_dark_frames_below_level_0_are_not_cut_off_there():
+    """Black was taken off, in levels of either sign."""
+    levels, dark = (each.astype(np.int16) - 64 for each in (LEVELS, CLIP.dark()))
+    _, noise = noise_from(clip_of(levels, 50.0, 4e-3, CLIP.full - 64.0), dark=dark)
+    assert not noise.refusals
+    assert noise.black.value == pytest.approx(CLIP.black_level - 64, abs=3 * noise.black.error)
+    assert holds(noise.read_noise, 4.3, 0.2)
+
+
 def test_dark_frames_that_are_cut_off_tell_no_black():
     """The camera's offset is too low for its noise, which the reason says."""
     clip = replace(CLIP, black=0.0)

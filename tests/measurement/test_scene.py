@@ -402,3 +402,23 @@ def test_a_clip_on_its_side_is_the_same_scene_on_its_side(measurement):
     for name in ("mean_level", "deviation"):
         numbers = [float(getattr(each.scene.picture, name)) for each in (found, measurement)]
         assert numbers[0] == pytest.approx(numbers[1], rel=0.03)
+
+
+def test_findings_are_told_in_words(measurement):
+    """Light and noise with their errors, what stands still and what has no velocity."""
+    noise = measurement.noise
+    motion = replace(measurement.motion, share_at_rest=0.756, share_unexplained=0.023)
+    found = replace(measurement, motion=motion).sentences
+    value, error = noise.electrons_at_white
+    assert found[0] == f"White holds {value:.4g} +- {error:.2g} photo-electrons."
+    value, error = noise.read_noise
+    assert found[1] == f"The read noise is {value:.3g} +- {error:.2g} e-."
+    assert found[2] == "76% of the picture stands still, and 2 objects move."
+    assert found[3].startswith("2.3% of the picture changes without a velocity")
+    alone = replace(motion, objects=motion.objects[:1], share_unexplained=0.004)
+    assert replace(measurement, motion=alone).sentences[2].endswith("and 1 object moves.")
+    unknown = replace(noise, read_noise_range=(1.25, 6.5))
+    said = replace(measurement, noise=unknown).sentences[1]
+    assert said == "The read noise lies from 1.2 to 6.5 e-: black is not known."
+    still = replace(measurement, motion=replace(motion, objects=(), share_unexplained=0.0))
+    assert still.sentences[2] == "Nothing was seen to move."

@@ -9,7 +9,6 @@ from support.plane import a_plane_design
 
 from mishutter import (
     Exposures,
-    FrameSequence,
     FreeMotion,
     Limits,
     LinearMotion,
@@ -61,7 +60,7 @@ def test_exposures_are_numbered_where_stills_differ():
 
     def stills(*halves):
         frames = [TimedFrame(StillCamera(half_exposure=x), 0.05 * k) for k, x in enumerate(halves)]
-        return FrameSequence("stills", tuple(frames), 0.0, 31.0, 30.0)
+        return Exposures("stills", tuple(frames), 0.0, 31.0, 30.0)
 
     assert stills(0.0054, 0.00176, 0.00176).lengths == "1 of 10.8 and 2 of 3.52 ms"
     assert stills(0.0054, 0.00176).lengths == "10.8 and 3.52 ms"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mishutter import FrameSequence, LinearMotion, StillCamera, TimedFrame
+from mishutter import Exposures, LinearMotion, StillCamera, TimedFrame
 
 
 def _fan(num_frames, num_rests):
@@ -12,7 +12,7 @@ def _fan(num_frames, num_rests):
     moving = [LinearMotion(half_exposure=0.0025, velocity=v) for v in velocities]
     motions = [StillCamera(half_exposure=0.0016)] * num_rests + moving
     frames = tuple(TimedFrame(each, 0.006 * k) for k, each in enumerate(motions))
-    return FrameSequence("fan of pans", frames, 20.0, 30.0, 29.0)
+    return Exposures("fan of pans", frames, 20.0, 30.0, 29.0)
 
 
 @pytest.mark.parametrize(
@@ -33,11 +33,11 @@ def test_the_middle_of_a_fan_is_not_at_rest(num_frames, num_rests, setting):
 def test_frames_that_all_stand_still_are_not_called_so():
     """A still burst has a sentence of its own."""
     frames = tuple(TimedFrame(StillCamera(half_exposure=x), 0.01 * x) for x in (0.003, 0.0012))
-    assert FrameSequence("stills", frames, 0.0, 30.0, 29.0).setting == "1 of 6 ms and 1 of 2.4 ms"
+    assert Exposures("stills", frames, 0.0, 30.0, 29.0).setting == "1 of 6 ms and 1 of 2.4 ms"
 
 
 LENGTHS = 3e-3, 8e-3, 5e-3
-BRACKET = FrameSequence(
+BRACKET = Exposures(
     "three stills",
     tuple(TimedFrame(StillCamera(half_exposure=x / 2), 4 * x) for x in LENGTHS),
     0.0,

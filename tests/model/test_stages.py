@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mishutter import (
-    FrameSequence,
+    Exposures,
     FreeMotion,
     Limits,
     LinearMotion,
@@ -193,9 +193,7 @@ def test_limits_of_nothing(name):
 
 def burst(*frames, pan=0.0):
     """Frames of a stage, of times, places and motions."""
-    return FrameSequence(
-        "own", tuple(TimedFrame(m, t, x) for t, x, m in frames), 0.0, 0.0, 0.0, pan
-    )
+    return Exposures("own", tuple(TimedFrame(m, t, x) for t, x, m in frames), 0.0, 0.0, 0.0, pan)
 
 
 def swing(direction, half=0.006, acceleration=3e5):

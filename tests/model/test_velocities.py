@@ -13,8 +13,8 @@ from mishutter import (
     best_sequence,
     ceiling,
     evaluate,
+    exposures_psnr,
     optimise,
-    plane_psnr,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.model.velocities import AbstractVelocities
@@ -226,7 +226,7 @@ def test_velocities_about_a_mean_are_those_at_rest_for_a_sensor_that_moves_along
         PlaneFrames(**path, velocities=np.tile(v[:, None], 2)) for v in (0 * mean, mean)
     )
     scenes = [Scene.any_direction(law, photon_rate=3e4, read_noise=9.0) for law in (at_rest, away)]
-    levels = [float(plane_psnr(x, y)) for x, y in zip(scenes, (still, panned), strict=True)]
+    levels = [float(exposures_psnr(x, y)) for x, y in zip(scenes, (still, panned), strict=True)]
     assert levels[1] == pytest.approx(levels[0], rel=1e-9)
     ceilings = [exposures_ceiling(scene, np.array([0.02, 0.01])) for scene in scenes]
     assert ceilings[1] == pytest.approx(ceilings[0], rel=1e-12)

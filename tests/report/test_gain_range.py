@@ -19,7 +19,7 @@ from mishutter import (
 )
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
-from mishutter.model.exposures import Exposures, FrameSequence
+from mishutter.model.exposures import Exposures
 from mishutter.report.gain_range import gain_range
 from mishutter.report.verdict import headline
 from mishutter.search.rows import BEST_SNAPSHOT, FRAMES, OWN_BEST_MOTION, Row
@@ -101,7 +101,7 @@ def test_frames_are_levelled_in_the_other_scene():
     still = row(scene, BEST_SNAPSHOT, STILL, RectShutter())
     level = float(still.level) + 2.2
     metrics = replace(still.metrics, known_speed_psnr=jnp.asarray(level))
-    sequence = FrameSequence("stills", frames, 0.0, level, level - 1)
+    sequence = Exposures("stills", frames, 0.0, level, level - 1)
     burst = replace(
         still,
         name="burst",

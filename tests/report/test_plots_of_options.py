@@ -265,10 +265,10 @@ def test_pictures_are_shrunk_by_means_and_names_in_the_middle():
 
 
 def test_a_fit_shows_levels_residuals_and_both_profiles():
-    """Of pictures of unlike widths; residuals are over the noise."""
+    """Of pictures of unlike noise; residuals are over the noise."""
     random = np.random.default_rng(3)
-    expected = [random.uniform(0.2, 0.8, n) for n in (12, 17)]
-    noise = [np.full(12, 0.02), np.linspace(0.01, 0.03, 17)]
+    expected = [random.uniform(0.2, 0.8, n) for n in (17, 17)]
+    noise = [np.full(17, 0.02), np.linspace(0.01, 0.03, 17)]
     levels = [e + n * random.normal(size=n.size) for e, n in zip(expected, noise, strict=True)]
     motion = ParabolicMotion(acceleration=2e5, half_exposure=0.007)
     spline = SplineShutter([0.2, 0.7, 0.9, 1.0, 0.4])
@@ -296,7 +296,7 @@ def test_a_fit_shows_levels_residuals_and_both_profiles():
         residual = (levels[k] - expected[k]) / noise[k]
         np.testing.assert_allclose(right.get_lines()[0].get_ydata(), residual)
         assert left.get_ylabel() == f"{k}: level"
-    assert pictures[1].get_title() == f"residuals: chi squared {31 / 22:.3g} for each free level"
+    assert pictures[1].get_title() == f"residuals: chi squared {31 / 27:.3g} for each free level"
     assert [axes.get_xlabel() for axes in pictures] == ["", "", "column / px", "column / px"]
     built, sent = bottom.get_lines()
     np.testing.assert_allclose(built.get_xdata()[[0, -1]], [-7.0, 7.0])

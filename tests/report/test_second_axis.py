@@ -13,8 +13,8 @@ from mishutter import (
     PlaneDesign,
     PlaneFrames,
     Scene,
+    exposures_psnr,
     frame_table,
-    plane_psnr,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.sequences import loss_of_width
@@ -39,7 +39,7 @@ def test_a_place_turns_the_waves_of_its_own_axis(velocity):
     scene = Scene.any_direction(ListedVelocities([velocity]), photon_rate=1e6, read_noise=9.0)
     both = stills([-0.05, 0.05], 2e-3)
     of_both, of_one = (
-        10 ** (-float(plane_psnr(scene, frames)) / 10) for frames in (both, stills([0.0], 2e-3))
+        10 ** (-float(exposures_psnr(scene, frames)) / 10) for frames in (both, stills([0.0], 2e-3))
     )
     loss = loss_of_width(scene, both, width=200.0)
     assert loss == pytest.approx(10 * np.log10(0.6 + 0.4 * of_one / of_both), rel=0.01)
@@ -50,7 +50,7 @@ def test_the_ceiling_of_what_hardly_moves_is_one_still(slug):
     """At 1 px/s no path is better than none, and the budget over velocities does not bind."""
     scene = scene_of(slug)
     slow = Scene.any_direction(1.0, photon_rate=scene.photon_rate, read_noise=scene.read_noise)
-    level = float(plane_psnr(slow, stills([0.0], 0.013)))
+    level = float(exposures_psnr(slow, stills([0.0], 0.013)))
     assert exposures_ceiling(slow, np.array([0.013])) == pytest.approx(level, abs=1e-3)
 
 

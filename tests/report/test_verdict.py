@@ -14,8 +14,8 @@ from support.rows import MOVING, ON_FREE_PATH, SHORT, STILL, made_up, sequence, 
 from mishutter import (
     BurstMode,
     ExpectedErrorLoss,
+    Exposures,
     FirstOrderDevice,
-    FrameSequence,
     HannShutter,
     IdealDevice,
     Limits,
@@ -442,7 +442,7 @@ def test_a_camera_without_a_stage_has_a_stroke_of_zero():
     assert "stage" not in needs
     halves = [0.00355] * 3 + [0.0002] * 2
     frames = [TimedFrame(StillCamera(half_exposure=x), 0.01 * k) for k, x in enumerate(halves)]
-    stills = FrameSequence("stills", tuple(frames), 0.0, 31.0, 30.0)
+    stills = Exposures("stills", tuple(frames), 0.0, 31.0, 30.0)
     assert order_at_rest(stills, Limits(max_stroke=0.7)) == (
         "5 frames, 3 of 7.1 and 2 of 0.4 ms, and keep the stage still"
     )
@@ -708,7 +708,7 @@ def test_rows_that_are_read_in_turn_are_said():
 def test_what_a_decoder_loses_that_is_not_told_the_rows():
     """Parabolas that alternate lose 2 dB at 5 ms, and 4.5 at 10."""
     scene = Scene(np.linspace(-4500, 4500, 9), photon_rate=1e5, read_noise=8.0)
-    frames = FrameSequence("", tuple(frames_on_parabolas()), 0.0, 0.0, 0.0)
+    frames = Exposures("", tuple(frames_on_parabolas()), 0.0, 0.0, 0.0)
     assert loss_untold(scene, frames) == pytest.approx((0.01, 4.45), abs=0.1)
     fast = replace(scene, burst=BurstMode(frames_per_s=200))
     assert loss_untold(fast, frames) == pytest.approx((0.005, 2.09), abs=0.1)

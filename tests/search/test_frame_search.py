@@ -400,6 +400,23 @@ def test_levels_that_are_told_are_those_of_the_exposures(readout, scene):
     assert moving_frames._loss(own, sequence) == pytest.approx(lost, abs=5e-3)
 
 
+def test_ends_are_judged_down_to_half_a_decibel_below_the_best(scene, monkeypatch):
+    """From the best on, one beyond the limits aside; on a sensor of a known width all are."""
+    judged = []
+
+    def of(scene, end):
+        judged.append(end.level)
+        return None if end.level == 30.2 else moving_frames._Found(_alternating(), end.level)
+
+    monkeypatch.setattr(moving_frames._Found, "of", staticmethod(of))
+    ends = [End(FREE, _frames(1, 1), level) for level in (29.6, 30.2, 30.0, 29.4, 29.3)]
+    found = moving_frames._judged(scene, ends)
+    assert judged == [30.2, 30.0, 29.6]
+    assert [each.level for each in found] == [30.0, 29.6]
+    found = moving_frames._judged(replace(scene, sensor=Sensor(width=90.0)), ends)
+    assert [each.level for each in found] == [30.0, 29.6, 29.4, 29.3]
+
+
 @pytest.mark.parametrize("most", [150.0, 5e3])
 def test_a_camera_turns_where_that_spares_its_stage(most):
     """By the mean of the velocities, as far as it can; the sensor goes as it went."""
@@ -454,7 +471,7 @@ def starts_alone(monkeypatch):
 
     monkeypatch.setattr(Descent, "tied", tied)
     monkeypatch.setattr(Descent, "free", lambda self, x: End(FREE, x, self.levels.level(x)))
-    monkeypatch.setattr(plane_frames, "_SEARCHED", COARSE)
+    monkeypatch.setattr(plane_frames, "SEARCHED", COARSE)
     monkeypatch.setattr(plane_frames, "exposures_psnr", _level)
     monkeypatch.setattr(plane_frames, "exposures_ceiling", _ceiling)
 

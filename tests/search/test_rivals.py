@@ -15,7 +15,7 @@ from mishutter import (
     BurstMode,
     DesignLoss,
     ExpectedErrorLoss,
-    FrameSequence,
+    Exposures,
     HannShutter,
     KnownSpeedLoss,
     Limits,
@@ -203,10 +203,8 @@ def test_a_shared_design_is_searched_for_once():
 
 STILL = StillCamera(half_exposure=1e-3)
 BURSTS = (
-    FrameSequence(
-        "stills", (TimedFrame(StillCamera(half_exposure=1e-3), 0.0),) * 3, 0.0, 30.0, 29.0
-    ),
-    FrameSequence("sweep", (TimedFrame(MOTION, 0.0),) * 2, 25.0, 31.0, 28.0),
+    Exposures("stills", (TimedFrame(StillCamera(half_exposure=1e-3), 0.0),) * 3, 0.0, 30.0, 29.0),
+    Exposures("sweep", (TimedFrame(MOTION, 0.0),) * 2, 25.0, 31.0, 28.0),
 )
 
 

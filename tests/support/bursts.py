@@ -5,7 +5,7 @@ from dataclasses import replace
 from mishutter import (
     BurstMode,
     Design,
-    FrameSequence,
+    Exposures,
     FreeMotion,
     HannShutter,
     Limits,
@@ -21,13 +21,11 @@ FRAMES = (
     TimedFrame(StillCamera(half_exposure=0.0021), -0.009, 1.5),
     TimedFrame(FreeMotion(accelerations=[-2.3e5], half_exposure=0.0068), 0.009, 2.5),
 )
-SEQUENCE = FrameSequence(
-    "own", FRAMES, 13.7, 31.25, 30.75, registration_loss=0.0023, width_loss=0.17
-)
+SEQUENCE = Exposures("own", FRAMES, 13.7, 31.25, 30.75, registration_loss=0.0023, width_loss=0.17)
 
 
 def a_burst_design(
-    sequence: FrameSequence | None = SEQUENCE, limits: Limits = LIMITS, **others: object
+    sequence: Exposures | None = SEQUENCE, limits: Limits = LIMITS, **others: object
 ) -> Design:
     """The design of a scene whose decoder finds the speed."""
     burst = BurstMode(frames_per_s=55.0, max_frames=2)

@@ -153,19 +153,19 @@ def exact(point):
         return taps, columns
 
 
+def _motion(arguments):
+    """The path of some arguments, the speed of a thing and the shift of the edges."""
+    rates, (T, speed, velocity, shift) = jnp.split(arguments, [len(DURATIONS)])
+    path = {"accelerations": rates, "velocity": velocity, "durations": DURATIONS}
+    return FreeMotion(half_exposure=T, **path), speed, shift
+
+
 @partial(jax.jit, static_argnums=(0, 1))
 def taps_and_derivatives(slug, frame, arguments, edges, parameters):
     """Taps `(n,)`, and derivatives `(n, arguments)`."""
 
     def along(arguments):
-        count = len(DURATIONS)
-        T, speed, velocity, shift = arguments[count:]
-        motion = FreeMotion(
-            accelerations=arguments[:count],
-            half_exposure=T,
-            velocity=velocity,
-            durations=DURATIONS,
-        )
+        motion, speed, shift = _motion(arguments)
         shutter = SHUTTERS[slug].make(parameters)
         if frame == "vertex":
             rule = {"speed": speed, "num_taps": NUM_TAPS, "phase": edges[0] + shift}
@@ -265,14 +265,7 @@ def response_and_derivatives(slug, arguments, frequencies, parameters):
     """Transfer function and its derivatives by the path; real and imaginary part, `(2, m, k)`."""
 
     def along(arguments):
-        count = len(DURATIONS)
-        T, speed, velocity, _ = arguments[count:]
-        motion = FreeMotion(
-            accelerations=arguments[:count],
-            half_exposure=T,
-            velocity=velocity,
-            durations=DURATIONS,
-        )
+        motion, speed, _ = _motion(arguments)
         shutter = SHUTTERS[slug].make(parameters)
         found = transfer_function(shutter, motion, speed=speed, frequency=frequencies)
         return jnp.stack([found.real, found.imag])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from mishutter._core.checks import common_dtype, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.losses import AbstractLoss, value_of
@@ -18,19 +17,12 @@ from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.search.planning import plan
 
-_ROUNDING = {8: 1e-12, 4: 1e-5}
-"""Relative change of a result that is put down to rounding, by the bytes of its numbers."""
-
 _NAMES = (
     "condition_number",
     "kernel_difference",
     "relative_kernel_difference",
     "efficiency",
 )
-
-
-class WrongPlanError(ValueError):
-    """A plan changed a result by more than it said it would."""
 
 
 def plan_for(
@@ -70,60 +62,12 @@ def plan_error(
 ) -> float:
     r"""Largest relative change of a result by a plan, $\max_i |x_i - y_i| / |y_i|$.
 
-    The $y_i$ are the loss, or all metrics, computed in full; the $x_i$ what the plan
-    makes of them. The expected PSNR counts as the squared error that it stands for.
-
-    Args:
-        plan: The plan.
-        scene: Speeds, light and noise.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        loss: Whose value it is made for; all metrics by default.
-
-    Returns:
-        The change; `inf` where a result of 0 or infinity became another.
+    The $y_i$ are the loss, or all metrics, computed in full; the $x_i$ what the plan makes of them.
+    The expected PSNR counts as the squared error that it stands for. A result of 0 or infinity
+    that became another changes without end.
     """
     full = results(everything(plan, scene, motion), scene, motion, shutter, loss)
     return relative_change(results(plan, scene, motion, shutter, loss), full)
-
-
-def check_plan(
-    plan: Plan,
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    *,
-    loss: AbstractLoss | None = None,
-) -> float:
-    """Refuse a plan that changes a result by more than rounding.
-
-    Args:
-        plan: The plan.
-        scene: Speeds, light and noise.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        loss: Whose value it is made for; all metrics by default.
-
-    Returns:
-        The relative change; see `plan_error`.
-
-    Raises:
-        WrongPlanError: if it is above rounding.
-    """
-    require_known("check_plan", scene=scene, motion=motion, shutter=shutter)
-    change = plan_error(plan, scene, motion, shutter, loss=loss)
-    allowed = rounding(scene, motion, shutter)
-    if not change <= allowed:
-        raise WrongPlanError(
-            f"`check_plan(plan=...)` must change no result by more than {allowed:.2g} of it; "
-            f"got {change:.2g}."
-        )
-    return change
-
-
-def rounding(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> float:
-    """Relative change of a result of these that is put down to its precision."""
-    return _ROUNDING[common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter))).itemsize]
 
 
 def everything(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:

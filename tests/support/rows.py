@@ -8,7 +8,6 @@ import numpy as np
 
 from mishutter import (
     Comparison,
-    FrameSequence,
     FreeMotion,
     HannShutter,
     LinearMotion,
@@ -90,7 +89,7 @@ def verdict(levels: dict[str, float], *names: str, scene: Scene = SCENE) -> Comp
     return with_verdict(made_up(levels), dict.fromkeys(names, RectShutter()), scene)
 
 
-def sequence(motion: AbstractMotion, num_frames: int, travel: float = 0.0) -> FrameSequence:
+def sequence(motion: AbstractMotion, num_frames: int, travel: float = 0.0) -> Exposures:
     """Frames that are alike, 30 ms from one to the next, of a level that no test reads."""
     frames = tuple(TimedFrame(motion, 0.03 * k) for k in range(num_frames))
-    return FrameSequence("made up", frames, travel, 30.0, 29.0)
+    return Exposures("made up", frames, travel, 30.0, 29.0)

@@ -26,7 +26,7 @@ _COARSE, _HALF = 4, 2
 """Pixels that are averaged for the sweep, and steps in which averages are moved; px."""
 _MARGIN = 2
 """Pixels at the border that splines do not reach without invention."""
-_UNCERTAIN = 1.0
+UNCERTAIN = 1.0
 """Error of a velocity that is refined, over the frames; px."""
 _STEPS = 8
 """Steps by which it is refined, at most."""
@@ -251,7 +251,7 @@ class Region(NamedTuple):
             )
 
         reach = max(float(np.max(np.abs(times))), 1e-12)
-        prior = Prior(velocity, _UNCERTAIN / reach)
+        prior = Prior(velocity, UNCERTAIN / reach)
         found, covariance = refined(velocity, told_at, prior, reach, _STEPS)
         return found, covariance, residual
 
