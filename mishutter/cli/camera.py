@@ -13,6 +13,7 @@ from mishutter.cli.options import (
     DECODERS,
     DecoderName,
     JsonOption,
+    PicturesOutOption,
     design_option,
     named_decoder,
     option,
@@ -117,10 +118,7 @@ def simulate(
     seed: Annotated[
         int, option(SENSOR, "--seed N", "Seed of the noise.", min=0, max=(1 << 63) - 1)
     ] = 0,
-    out: Annotated[
-        Path,
-        path_option(OUTPUT, "--out DIR", "Folder for the pictures."),
-    ] = Path("simulation"),
+    out: PicturesOutOption = Path("simulation"),
     json: JsonOption = False,
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it.

@@ -101,6 +101,7 @@ SceneArgument = Annotated[Path | None, scene_argument("the built-in scene")]
 OutOption = Annotated[
     Path | None, path_option(OUTPUT, "--out DIR", "Folder for files; created if it does not exist.")
 ]
+PicturesOutOption = Annotated[Path, path_option(OUTPUT, "--out DIR", "Folder for the pictures.")]
 JsonOption = Annotated[
     bool, option(OUTPUT, "--json", "Print one JSON document, and nothing else, on standard output.")
 ]

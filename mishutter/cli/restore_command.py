@@ -19,12 +19,13 @@ from mishutter.cli.camera import (
     speed_found,
 )
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
-from mishutter.cli.help import CAMERA, DESIGN, OUTPUT, PICTURES
+from mishutter.cli.help import CAMERA, DESIGN, PICTURES
 from mishutter.cli.laboratory import CameraFiles, cameras, speed_for, takes_camera_files
 from mishutter.cli.options import (
     DECODERS,
     DecoderName,
     JsonOption,
+    PicturesOutOption,
     as_path,
     design_option,
     named_decoder,
@@ -161,10 +162,7 @@ def restore(
             "is the background, and each other value an object.",
         ),
     ] = None,
-    out: Annotated[
-        Path,
-        path_option(OUTPUT, "--out DIR", "Folder for the pictures."),
-    ] = Path("restored"),
+    out: PicturesOutOption = Path("restored"),
     json: JsonOption = False,
 ) -> None:
     """Restore captures of a real camera.

@@ -123,8 +123,7 @@ class Level(NamedTuple):
         def waves(
             of: Instants, velocities: Float[np.ndarray, "s axes"]
         ) -> Complex[np.ndarray, "n s *k"]:
-            each = waves_of(of, velocities, canvas.shape) * self.aperture
-            return each.astype(np.result_type(canvas.frames, np.complex64))
+            return waves_of(of, velocities, canvas.shape, canvas.frames.dtype) * self.aperture
 
         if self.rows is not None:
             return self.rows.responses(velocities, waves, by_time=by_time)

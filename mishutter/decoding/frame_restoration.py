@@ -52,7 +52,8 @@ def restored_in_plane(
     """The picture at a velocity."""
     times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
     means = np.stack([np.mean(plane) for plane in planes])
-    every = _likeliest(planes - means[:, None, None, None], scene, taken, velocity, times)[1]
+    deviations = (planes - means[:, None, None, None]).astype(np.float32)
+    every = _likeliest(deviations, scene, taken, velocity, times)[1]
     restored = [
         decode(found, mean)[found.canvas.window] + mean
         for found, mean in zip(every, means.tolist(), strict=True)

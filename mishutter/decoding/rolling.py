@@ -21,7 +21,8 @@ from typing import NamedTuple, final
 import jax
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
+from numpy.typing import DTypeLike
 
 from mishutter.blur.waves import waves_in_plane, waves_on_dft
 from mishutter.camera.plane_frames import frequencies_on
@@ -37,18 +38,22 @@ _MOST_TRIED = 49
 """Most delays at which responses are compared."""
 _SOME, _GRIDS = 3, ((128,), (64, 64))
 """Velocities, and frequencies along each axis, at which they are compared."""
-SHARE, ROUGH_SHARE = 0.003, 0.5
+SHARE, ROUGH_SHARE = 0.003, 4.0
 """Shares of the noise that a sum over few delays may leave, in pictures and in a search."""
 Waves = Callable[[Instants, Float[np.ndarray, "s axes"]], Complex[np.ndarray, "n s *k"]]
 """The responses of exposures at some velocities."""
 
 
 def waves_of(
-    instants: Instants, velocities: Float[np.ndarray, "s axes"], shape: tuple[int, ...]
+    instants: Instants,
+    velocities: Float[np.ndarray, "s axes"],
+    shape: tuple[int, ...],
+    dtype: DTypeLike = np.float64,
 ) -> Complex[np.ndarray, "n s *k"]:
     """Responses of open pixels at some velocities, displacements included, on the grid of a DFT."""
     time, weight = instants.time[:, None], instants.weight[:, None]
     displaced = instants.place[:, :, None] - velocities.T[:, None, :, None] * time
+    displaced = displaced.astype(dtype)
     if len(shape) == 1:
         each = zip(displaced[0], weight, strict=True)
         return np.stack([waves_on_dft(x, w, *shape, shape[0] // 2 + 1) for x, w in each])
@@ -268,6 +273,11 @@ class LineInTurn(AbstractRolledFrame):
     def told(self, frame: Float[np.ndarray, "... rows pixels"]) -> Complex[np.ndarray, "s rows k"]:
         return frame @ self.matrix.conj()
 
+    def rows(
+        self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]
+    ) -> Complex[np.ndarray, "s pixels w"]:
+        return self._matrix[..., across]
+
     @property
     def power(self) -> Float[np.ndarray, "s 1 k"]:
         return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)
@@ -289,6 +299,7 @@ class FrameInTurn(AbstractRolledFrame):
 
         dtype = np.result_type(canvas.frames, np.complex64)
         self._canvas, self._kernels = canvas, kernels.astype(dtype)
+        self._share, self._ways = share, ways
         length, count = canvas.shape[0], share.shape[0]
         self._fine, spread = _fine_grid(length)
         self._spread = (self._kernels / spread[:, None]).astype(dtype)
@@ -327,6 +338,14 @@ class FrameInTurn(AbstractRolledFrame):
         waves = np.asarray(scipy.fft.fft(fine, axis=2, overwrite_x=True))
         kept = np.concatenate([waves[:, :, part] for part in self._parts], axis=2)
         return np.sum(self._spread.conj() * kept, axis=1)
+
+    def rows(
+        self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]
+    ) -> Complex[np.ndarray, "s rows w"]:
+        (length, width), first = self._canvas.shape, self._canvas.margin[0]
+        places = first + np.arange(len(self._share)) - self._ways[1]
+        turns = places[..., None] * (down / length) - self._ways[0][..., None] * (across / width)
+        return np.exp(2j * np.pi * turns) * (self._share @ self._kernels[..., down, across])
 
     @property
     def _parts(self) -> tuple[slice, slice]:

@@ -318,8 +318,10 @@ def _unlike_rest(
         count[inside] += is_known
     mean = np.zeros(mask.shape)
     mean[mask] = np.where(count > 0, total / np.maximum(count, 1), ROBUST)
-    # Both Gaussians, the frames' own and this one, blur the edge: the outline is half-way up it.
-    own = mask & (ndimage.gaussian_filter(mean, 1.0) > ROBUST / 2)
+    # Both Gaussians, the frames' own and this one, blur the edge: the outline is half-way up it,
+    # and above the noise.
+    height = max(float(np.median(mean[mask])), 4.0)
+    own = mask & (ndimage.gaussian_filter(mean, 1.0) > height / 2)
     return np.asarray(ndimage.binary_fill_holes(own), bool)
 
 

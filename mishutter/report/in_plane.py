@@ -15,7 +15,7 @@ from mishutter.report.verdict import (
     options_of,
     sentences_of,
 )
-from mishutter.search.frame_ties import STILLS
+from mishutter.search.frame_ties import FREE, STILLS, WAYS
 from mishutter.search.plane_frames import PlaneSearch, best_in_plane
 from mishutter.search.rivals import BEST_MOVING_BURST, BEST_STILL_BURST
 from mishutter.search.rows import (
@@ -61,10 +61,14 @@ def answer_in_plane(scene: Scene, search: PlaneSearch) -> Comparison:
 
 def _name(burst: Exposures) -> str:
     """The name of a row, by whether the sensor moves, and how."""
+    # Two axes may go a way of one, and one a way of its own, as the best of two do.
+    is_common = (burst.kind == FREE) == (burst.num_axes == 1) and burst.kind in (FREE, *WAYS)
+    way = f"{burst.kind} on {'two axes' if burst.num_axes == 2 else 'one axis'}"
+    way = way if is_common and burst.num_axes else burst.kind
     if burst.num_frames == 1:
-        return f"one exposure, {burst.kind}"
+        return f"one exposure, {way}"
     name = BEST_MOVING_BURST if burst.moves else BEST_STILL_BURST
-    return name if burst.kind == STILLS else f"{name}, {burst.kind}"
+    return name if burst.kind == STILLS else f"{name}, {way}"
 
 
 def _row(name: str, burst: Exposures) -> Row:

@@ -59,35 +59,30 @@ _SHOWN = 0.05
 _WORTH_A_PAN = 1.0
 """Gain by a pan from which on a camera that has none is told of it; dB."""
 _WAYS = {
-    SINE: "swings on a sine that turns in the middle of each frame",
-    SWEEP: "goes out and back once at a constant acceleration",
-    ALTERNATING: "turns back in each frame",
-    SWINGS: "turns back in each frame",
-    FAN: "takes another constant velocity in each frame",
-    FOLLOW: "follows the objects at {speeds} and flies back between frames, {turns}",
-    PAN: "pans at {speeds}",
-    CIRCLE: "circles",
-    TWO_SINES: "follows two sines",
-    CROSSED: "swings along two axes in turn",
-    RING: "takes another constant velocity in each frame",
-    FREE: "takes a path of its own in each frame",
+    PAN: ("pans at {speeds}", "pans"),
+    SINE: ("swings on a sine that turns in the middle of each frame", "swings {way} on a sine"),
+    SWEEP: ("goes out and back once at a constant acceleration", "sweeps {way}"),
+    ALTERNATING: ("turns back in each frame", "swings {way}"),
+    SWINGS: ("turns back in each frame", "swings {way}"),
+    FAN: (
+        "takes another constant velocity in each frame",
+        "takes a constant speed in each, over {way}",
+    ),
+    FOLLOW: (
+        "follows the objects at {speeds} and flies back between frames, {turns}",
+        "follows the objects and flies back over {way}",
+    ),
+    CIRCLE: ("circles", "circles over {way}"),
+    TWO_SINES: ("follows two sines", "follows two sines over {way}"),
+    CROSSED: ("swings along two axes in turn", "swings {way} along two axes in turn"),
+    RING: (
+        "takes another constant velocity in each frame",
+        "takes another constant velocity in each over {way}",
+    ),
+    FREE: ("takes a path of its own in each frame", "follows a free path over {way}"),
 }
-"""The way of a stage over frames."""
-_VERBS = {
-    PAN: "pans",
-    SINE: "swings {way} on a sine",
-    SWEEP: "sweeps {way}",
-    ALTERNATING: "swings {way}",
-    SWINGS: "swings {way}",
-    FAN: "takes a constant speed in each, over {way}",
-    FOLLOW: "follows the objects and flies back over {way}",
-    CIRCLE: "circles over {way}",
-    TWO_SINES: "follows two sines over {way}",
-    CROSSED: "swings {way} along two axes in turn",
-    RING: "takes another constant velocity in each over {way}",
-    FREE: "follows a free path over {way}",
-}
-"""The same in brief."""
+"""The way of a stage over frames, and the same in brief."""
+_ANY_WAY = "swings", "swings {way}"
 
 
 def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> list[Row]:
@@ -170,7 +165,7 @@ def _way_of_frames(frames: Exposures, *, short: bool = False) -> str:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
     travel = _at_most(frames.travel) if frames.in_plane else frames.travel
-    way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{_three_digits(travel)} px")
+    way = _WAYS.get(frames.kind, _ANY_WAY)[1].format(way=f"{_three_digits(travel)} px")
     return f" while the stage {way}"
 
 
@@ -354,7 +349,7 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
         return added
     rests = frames.num_rests
     rest = f"rests in the first {'frame' if rests == 1 else f'{rests} frames'}, then "
-    doing = _WAYS.get(frames.kind, "swings").format(speeds=_speeds(frames), turns=_turns(frames))
+    doing = _WAYS.get(frames.kind, _ANY_WAY)[0].format(speeds=_speeds(frames), turns=_turns(frames))
     way = f"{rest if rests else ''}{doing}"
     axes = ""
     use = frames.use_within(scene.limits)

@@ -249,19 +249,21 @@ def chirps(
     flips = c < 0
     b, c = np.where(flips, -b, b), np.abs(c)
     curved, most = c > _STRAIGHT, c > _NEARLY_STRAIGHT
-    safe = np.where(curved, c, 1.0)
-    r = np.sqrt(2 / np.pi * safe)
-    middle = b / (np.pi * r)
+    every = [np.empty(b.shape, np.complex128) for _ in range(3)]
+    # Each is computed where it is taken: this is most of a search.
+    for moment, values in zip(every, _straight(b[~most], c[~most]), strict=True):
+        moment[~most] = values
+    x, z, steep = b[curved], c[curved], most[curved]
+    r = np.sqrt(2 / np.pi * z)
+    middle = x / (np.pi * r)
     (s1, c1), (s2, c2) = fresnel(middle - r), fresnel(middle + r)
-    turn = np.exp(1j * b * b / (4 * safe))
-    whole = turn * ((c2 - c1) - 1j * (s2 - s1)) / (2 * r)
-    up, down = np.exp(-1j * (b + safe)), np.exp(1j * (b - safe))
-    first = (0.5j * (up - down) - b * whole) / (2 * safe)
-    second = (0.5j * (up + down) - 1j * whole - b * first) / (2 * safe)
-    every = whole, first, second
-    if not np.all(most):
-        flat, kinds = _straight(b, c), (curved, most, most)
-        every = [np.where(*each) for each in zip(kinds, every, flat, strict=True)]
+    whole = np.exp(1j * x * x / (4 * z)) * ((c2 - c1) - 1j * (s2 - s1)) / (2 * r)
+    every[0][curved] = whole
+    x, z, whole = x[steep], z[steep], whole[steep]
+    up, down = np.exp(-1j * (x + z)), np.exp(1j * (x - z))
+    first = (0.5j * (up - down) - x * whole) / (2 * z)
+    every[1][most] = first
+    every[2][most] = (0.5j * (up + down) - 1j * whole - x * first) / (2 * z)
     return tuple(np.where(flips, x.conj(), x) for x in every)  # type: ignore[return-value]
 
 

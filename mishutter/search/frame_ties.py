@@ -42,6 +42,8 @@ STILLS, BRACKETED, CIRCLE, TWO_SINES, CROSSED, RING = (
 )
 """Frames at rest, and ways along two axes."""
 WAYS, WAYS_ON_TWO_AXES = (PAN, SWEEP, ALTERNATING, FAN, FOLLOW), (CIRCLE, TWO_SINES, CROSSED, RING)
+SIMPLEST_FIRST = (STILLS, BRACKETED, *WAYS, SWINGS, *WAYS_ON_TWO_AXES, FREE)
+"""The ways of frames in the plane, the simplest first."""
 _OF_ONE_FRAME = STILLS, PAN, ALTERNATING, CIRCLE, TWO_SINES
 MOST_FREE = 24
 """Frames up to which each has numbers of its own."""

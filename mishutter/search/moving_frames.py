@@ -38,10 +38,10 @@ from mishutter.search.frame_ties import (
     PAN,
     STILLS,
     SWEEP,
-    SWINGS,
     WAYS,
     Tie,
 )
+from mishutter.search.frame_words import kind_of
 
 ONE_PARABOLA = "one parabola"
 _SIMPLEST_FIRST = (STILLS, BRACKETED, PAN, SWEEP, SINE, ALTERNATING, FAN, FOLLOW, FREE)
@@ -55,10 +55,6 @@ _MOST = 64
 """Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
-_STRAIGHT = 0.25
-"""Way aside of a pan below which a frame is one; px."""
-_BENT = 0.25
-"""Share of a gain of velocity by which a parabola may differ from one on the way."""
 
 
 @outside_trace()
@@ -188,8 +184,7 @@ def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     top = max(each.level for each in found)
     near = [each for each in found if each.level >= top - _AS_GOOD]
     best = min(near, key=lambda each: each.order).sequence
-    kind = kind_of(best) if best.kind == FREE else best.kind
-    kind = ONE_PARABOLA if best.num_frames == 1 else kind
+    kind = ONE_PARABOLA if best.num_frames == 1 else kind_of(best)
     best = best.for_rows(scene.sensor.readout_time, scene.limits)
     psnr, worst = levels_of(scene, best.along)
     if best.moves and scene.sensor.is_rolling:
@@ -286,39 +281,3 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
     if count == 1 and rates[0] > 0:
         return ParabolicMotion(acceleration=float(rates[0]), half_exposure=half, velocity=middle)
     return FreeMotion(accelerations=rates, half_exposure=half, velocity=middle)
-
-
-def _bend(motion: AbstractMotion) -> float:
-    """Greatest change of the velocity beside a parabola's, over that from begin to end."""
-    velocities = np.asarray(motion.end_velocities, np.float64)
-    ends = np.asarray(motion.piece_ends, np.float64)
-    along = np.interp(ends, (-1.0, 1.0), velocities[[0, -1]])
-    return float(np.max(np.abs(velocities - along)) / abs(velocities[-1] - velocities[0]))
-
-
-def kind_of(sequence: Exposures) -> str:
-    """The way of a sensor over frames, told from their motions and places."""
-    moving = [frame for frame in sequence.along if not frame.is_still]
-    if not moving:
-        return FREE
-    ends = np.array([np.asarray(x.motion.end_velocities, np.float64)[[0, -1]] for x in moving])
-    lengths, middle = np.array([x.exposure for x in moving]), np.mean(ends, axis=1)
-    gains = ends[:, 1] - ends[:, 0]
-    # Between frames a stage that follows things goes against their velocity.
-    ways = np.diff([float(frame.position) for frame in moving])
-    between = ways - (middle[1:] * lengths[1:] + middle[:-1] * lengths[:-1]) / 2
-    one_way = bool(np.all(ends >= 0) or np.all(ends <= 0))
-    if one_way and len(moving) > 1 and np.all(between * np.sign(middle[0]) < -_STRAIGHT):
-        return FOLLOW
-    aside = np.maximum(_STRAIGHT, 0.02 * np.abs(middle) * lengths)
-    if np.all(np.abs(gains) * lengths / 8 < aside):
-        is_one = len(moving) > 1 and np.ptp(middle) < 0.05 * np.max(np.abs(middle))
-        return PAN if is_one else FAN
-    if np.all(ends[:, 0] * ends[:, 1] < 0):
-        is_parabola = all(_bend(frame.motion) < _BENT for frame in moving)
-        return ALTERNATING if is_parabola and np.all(gains[1:] * gains[:-1] < 0) else SWINGS
-    rates = gains / lengths
-    is_even = np.ptp(rates) < 0.5 * np.max(np.abs(rates))
-    if is_even and np.all(np.diff(middle) * gains[0] > 0):
-        return SWEEP
-    return FREE

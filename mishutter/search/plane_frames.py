@@ -43,12 +43,14 @@ from mishutter.search.frame_ties import (
     CROSSED,
     MOST_FREE,
     RING,
+    SIMPLEST_FIRST,
     STILLS,
     TWO_SINES,
     WAYS,
     WAYS_ON_TWO_AXES,
     Tie,
 )
+from mishutter.search.frame_words import kind_of
 
 _AS_GOOD = 0.05
 """Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
@@ -164,7 +166,7 @@ class _PlaneSearch(NamedTuple):
             if self.scene.limits.axes != "one":
                 bursts += self._on_two_axes(one, along, bursts, progress)
         return PlaneSearch(
-            snapshot, tuple(bursts), self._ceiling({*self.counts, bursts[0].num_frames})
+            snapshot, _best_of_each(bursts), self._ceiling({*self.counts, bursts[0].num_frames})
         )
 
     def stills(self, times: FrameTimes) -> Exposures:
@@ -228,9 +230,9 @@ class _PlaneSearch(NamedTuple):
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        kind = end.kind if burst.num_axes else STILLS
         psnr = float(exposures_psnr(self.scene, made))
-        return exposures_in_plane(self.scene, kind, made, psnr, width_loss=loss)
+        found = exposures_in_plane(self.scene, end.kind, made, psnr, width_loss=loss)
+        return replace(found, kind=kind_of(found) if found.num_axes else STILLS)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""
@@ -327,6 +329,16 @@ class _Stage(NamedTuple):
         times[-1] = gap
         values = [np.interp(times, *each) for each in own]
         return np.diff(times), np.stack(values, axis=-1)[1:]
+
+
+def _best_of_each(bursts: Sequence[Exposures]) -> tuple[Exposures, ...]:
+    """The best of those that go the same way on as many axes, the simplest first."""
+    kept: dict[tuple[int, str], Exposures] = {}
+    for burst in sorted(bursts, key=lambda x: (x.num_axes, SIMPLEST_FIRST.index(x.kind))):
+        before = kept.get(key := (burst.num_axes, burst.kind))
+        if before is None or burst.level > before.level + _AS_GOOD / 2:
+            kept[key] = burst
+    return tuple(kept.values())
 
 
 def _resampled(frames: Frames, pieces: int) -> Frames:

@@ -25,7 +25,7 @@ from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.windows import RectShutter
-from mishutter.search.frame_ties import BRACKETED, FREE, STILLS, WAYS, WAYS_ON_TWO_AXES
+from mishutter.search.frame_ties import FREE, SIMPLEST_FIRST
 
 Choice = TypeVar("Choice")
 """Exposures along an axis, or in the plane."""
@@ -46,8 +46,6 @@ _NEEDS = {
     TURNS: "turning camera",
 }
 """The needs of these parts in words: any camera takes frames, and software registers."""
-_IN_PLANE = (STILLS, BRACKETED, *WAYS, *WAYS_ON_TWO_AXES, FREE)
-"""The ways of frames in the plane, the simplest first."""
 ONE_EXPOSURE = frozenset({STAGE, SHUTTER})
 """Parts that a camera of one exposure may require."""
 _PURCHASES = {
@@ -167,7 +165,7 @@ class Row:
         """Rows in the order of what they need: software before hardware, then simple paths."""
         path = 0 if self.is_straight else 2 if self.is_free else 1
         if self.is_in_plane:
-            path = _IN_PLANE.index(self.exposures.kind)
+            path = SIMPLEST_FIRST.index(self.exposures.kind)
         return len(self.parts - {FRAMES}), len(self.parts), path
 
     @property

@@ -261,9 +261,11 @@ def test_a_folder_holds_the_frames(burst_desk, capsys):
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
     assert re.search(r"f2.png to f10.png +64\d \+- \d", out)
+    assert re.search(r"Speed found\s+frames +px/s", out)
     assert "warning" not in err
     assert cli.main([*command, "--speed", "900"]) == 0
     out, err = capsys.readouterr()
+    assert re.search(r"Speed\s+frames +px/s", out)
     assert re.search(r"f2.png to f10.png +900, as told +not trusted: restored for this", out)
     assert "warning: f2.png to f10.png: " in err
     (folder / "empty").mkdir()

@@ -6,6 +6,7 @@ import pytest
 from mishutter import Scene
 from mishutter.decoding.likeliest import (
     Canvas,
+    _together,
     complete,
     detail_of,
     fit_of,
@@ -56,6 +57,21 @@ def test_the_likeliest_picture_solves_the_normal_equations():
     np.testing.assert_allclose(
         complete(found, 3 * density)[1:], (whole + 2 * density * found.spectrum)[1:]
     )
+
+
+def test_waves_of_most_power_are_found_at_once(monkeypatch):
+    """Some of two pictures, by the matrix that the sensor's borders leave of them."""
+    monkeypatch.setattr("mishutter.decoding.likeliest._PIXELS_A_WAVE", 8)
+    random, shape, noises = np.random.default_rng(8), (24, 33), np.array([0.2, 0.7])
+    down, across = np.fft.fftfreq(24)[:, None], np.fft.rfftfreq(33)
+    power = 1 / (1e-3 + down**2 + 0.5 * across**2)
+    canvas = Canvas(random.normal(size=(2, 13, 20)), noises, power, (4, 6), shape)
+    responses = canvas.spectrum(random.normal(size=(2, 2, *shape)))
+    light = canvas.spectrum(random.normal(size=(2, *shape)))
+    light[:, power < np.sort(power, axis=None)[-40]] = 0.0
+    told = canvas.gathered(responses, (canvas.through(one, light) for one in responses))
+    found = _together(canvas, responses)(told + light / power)
+    np.testing.assert_allclose(found[light != 0], light[light != 0], rtol=1e-9)
 
 
 def test_the_volume_counts_each_part_for_the_frames_that_see_it():

@@ -27,7 +27,7 @@ from mishutter import (
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.decoding.frame_doubts import doubt_of_rows
 from mishutter.decoding.frame_likelihood import Own, Prior
-from mishutter.decoding.likeliest import noises_of
+from mishutter.decoding.likeliest import _together, noises_of
 from mishutter.decoding.rolling import RowTimes, _on_grid
 from mishutter.design.design import Outcome
 
@@ -157,6 +157,14 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
             exact = level._replace(rows=None, instants=there).responses(VELOCITY[None])[1, 0]
             error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
             assert error < 0.03 * canvas.noises[1]
+        # Waves of most power are found at once.
+        responses = level.responses(VELOCITY[None])
+        light = light[None] * (canvas.power >= np.sort(canvas.power, axis=None)[-20])
+        each = (one.seen(light) for one in responses)
+        again = _together(canvas, responses)(
+            canvas.gathered(responses, each) + light / canvas.power
+        )
+        np.testing.assert_allclose(again[light != 0], light[light != 0], rtol=0.02)
         if kind == "still":
             middle = level._replace(rows=None).responses(VELOCITY[None])[:, 0]
             told = np.tensordot(1 / canvas.noises, np.abs(middle) ** 2, 1)

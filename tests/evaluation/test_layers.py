@@ -30,7 +30,7 @@ from mishutter.decoding.decoders.linear import expected_squared_error
 from mishutter.evaluation.errors import spectral_levels
 
 # Sizes and shares of a search, which no argument asks for.
-from mishutter.evaluation.layers import Background, Frequencies
+from mishutter.evaluation.layers import Background, Frequencies, _texture_weights
 from mishutter.evaluation.losses import value_of
 from mishutter.evaluation.needs import effective_speeds, sizes
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, UNKNOWN_SPEED
@@ -223,6 +223,24 @@ def test_a_picture_of_layers_has_no_power_above_the_cutoff():
         mixed = scale * np.sum(texture * matte) * step
         expected = (front**2 + (1 - front) ** 2) * scale * known[index] + 2 * mixed
         assert power[index] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("name", ["still", "moving"])
+def test_the_parts_of_layers_are_the_whole_picture(name):
+    """Textures that move rigidly and the beat, of all objects and of each; none at equal speeds."""
+    own = LAYERS[name]
+    scene = Background.of(own).behind(own)
+    shares = scene.occlusion.shares
+    for of_each in (False, True):
+        parts = _texture_weights(scene, 40, np.dtype(np.float64), of_each=of_each)
+        textures, beat = map(np.asarray, parts)
+        assert np.min(textures) >= 0
+        np.testing.assert_allclose(np.sum(textures, axis=1) + beat, 1, rtol=1e-9)
+    at_knots = np.asarray(shares.same)[np.array(shares.knots)]
+    behind, speeds = np.asarray(shares.background_speeds), np.asarray(scene.speeds)
+    differ = behind[:, None] != speeds
+    wanted = differ[..., None] * at_knots
+    np.testing.assert_allclose(np.sum(np.asarray(shares.beat), axis=2), wanted, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -305,13 +305,19 @@ def test_error_bars_of_other_residuals_are_those_of_the_likelihood():
     assert errors[0] > 1.2 * fisher
 
 
-def test_what_a_picture_says_of_the_noise_of_its_rows():
+def test_what_a_picture_says_of_the_noise_of_its_rows(setting):
     """Shot noise above black, read noise and rounding, over the number of its rows."""
     sensor = SensorLevels(electrons_per_level=2.5, read_noise=4.0, black_level=30.0)
     level = np.array([10.0, 30.0, 430.0])
     for is_rounded in (False, True):
         wanted = np.array([0, 0, 400]) / 2.5 + (4 / 2.5) ** 2 + is_rounded / 12
         np.testing.assert_allclose(sensor.variance(level, is_rounded), wanted)
+    profiles, one = np.array(setting.profiles), setting.measurements.pictures
+    four = tuple(replace(each, levels=np.tile(each.levels, (4, 1))) for each in one)
+    often = replace(setting, measurements=setting.measurements._replace(pictures=four))
+    variance = np.array([SENSOR.variance(row, False) for row in profiles])
+    np.testing.assert_allclose(setting.noise(profiles), np.sqrt(variance))
+    np.testing.assert_allclose(often.noise(profiles), np.sqrt(variance / 4))
 
 
 def test_a_speed_that_no_picture_is_told_is_found_beside_the_velocity():

@@ -132,8 +132,9 @@ def test_a_camera_turns_beside_a_stage_that_is_sent_the_path_itself():
     """What it turns by, things are slower by: the level is that of these at no pan."""
     pan, stage, speeds = 400.0, SecondOrderStage(bandwidth=45.0, damping=0.6), [-900.0, 700.0]
     levels = []
-    for motion, seen in ((MOTION.panned(pan), speeds), (MOTION, np.array(speeds) - pan)):
-        limits = Limits(stage=stage, pans="camera")
+    of_camera = MOTION.panned(pan), speeds, "camera"
+    for motion, seen, pans in (of_camera, (MOTION, np.array(speeds) - pan, "stage")):
+        limits = Limits(stage=stage, pans=pans)
         scene = Scene(seen, photon_rate=1e5, read_noise=4.0, limits=limits)
         table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene))
         levels.append(float(table.blind_metrics().expected_psnr))

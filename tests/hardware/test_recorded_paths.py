@@ -134,9 +134,16 @@ def test_frames_that_touch_have_no_time_between_them():
     assert apart.rms == pytest.approx(np.std(place[lit]), rel=0.01)
 
 
-def test_one_exposure_takes_a_recorded_path():
+@pytest.mark.parametrize(
+    "motion",
+    [
+        ms.ParabolicMotion(acceleration=3.1e4, half_exposure=7e-3, velocity=90.0),
+        ms.FreeMotion(accelerations=[9e4, 1e4, -4e4, 2e4], half_exposure=7e-3, velocity=90.0),
+    ],
+    ids=["parabola", "free path"],
+)
+def test_one_exposure_takes_a_recorded_path(motion):
     """Its motion is the recorded one, with the velocity at mid-exposure."""
-    motion = ms.ParabolicMotion(acceleration=3.1e4, half_exposure=7e-3, velocity=90.0)
     scene = ms.Scene([-300.0, 500.0], photon_rate=1e5, read_noise=3.0)
     design = given_design(scene, motion, ms.HannShutter(), "Given.")
     time = np.linspace(-0.008, 0.008, 400)

@@ -14,6 +14,7 @@ from mishutter.measurement.motion import (
     _is_same,
     _lead,
     _leap,
+    _object,
     _track,
     read_in_turn,
 )
@@ -42,7 +43,7 @@ from mishutter.measurement.steady import (
     means,
 )
 from mishutter.measurement.texture import averaged, is_mosaic
-from mishutter.pictures.registration.sweep import Smoothed, Sweep
+from mishutter.pictures.registration.sweep import Region, Smoothed, Sweep
 
 ENDS = -np.inf, np.inf
 
@@ -315,6 +316,20 @@ def test_a_thing_is_tracked_over_a_frame_that_was_lost():
     assert _leap(times, places, np.array([2.0, -3.0])) == (3, 2)
 
 
+def test_two_errors_of_a_velocity_add_up_by_their_squares(monkeypatch):
+    """That of the noise, and the floor over the frames that it was refined by."""
+    velocity, spread = np.array([1.0, -2.0]), np.diag([0.03**2, 0.004**2])
+    monkeypatch.setattr(Region, "polished", lambda _, velocity: (velocity, spread, 1.0))
+    monkeypatch.setattr(Region, "descended", lambda _, velocity, *steps: velocity)
+    fine = Smoothed.of(np.zeros((9, 60, 70), np.float32), np.arange(9.0), 1.0)
+    mask = np.zeros((60, 70), bool)
+    mask[20:50, 10:45] = True
+    sweep = Sweep(np.zeros((1, 2)), np.ones((1, 3, 4)), 1.0, 16, 0.1)
+    each, _ = _object(fine, 2, velocity, mask, [sweep])
+    assert each.error == pytest.approx((np.hypot(0.03, 0.05 / 6), np.hypot(0.004, 0.05 / 6)))
+    assert (each.centre, each.area, each.frame) == ((34.5, 27.0), 30 * 35, 2)
+
+
 def test_a_lead_is_that_of_the_tiles_about_the_middle():
     """A tenth of the logarithm of the likelihood; the thing is farther to the right than down."""
     velocities = np.array([(0.0, 0.0), (4.0, 0.0), (8.0, 0.0)])
@@ -374,12 +389,13 @@ def test_the_error_of_a_focus_is_what_noise_makes_of_one():
     assert _moves(frames)[2][0] == pytest.approx(0.09, rel=0.2)
 
 
-def test_a_thing_is_averaged_along_its_way():
+@pytest.mark.parametrize(("first", "fewest"), [(30, 5), (2, 4)])
+def test_a_thing_is_averaged_along_its_way(first, fewest):
     """Over two frames to either side, and what rests over all; each noise by the root of these."""
     random = np.random.default_rng(3)
     ground, detail = (300 * ndimage.gaussian_filter(random.normal(size=(70, 90)), 2) for _ in "ab")
     frames, truth, labels = [], None, np.zeros((70, 90), int)
-    labels[20:44, 30:62] = 1
+    labels[20:44, first : first + 32] = 1
     for k in range(9):
         picture = ground.copy()
         way = 2 * (k - 4), -3 * (k - 4)
@@ -392,9 +408,12 @@ def test_a_thing_is_averaged_along_its_way():
     motion = Motion((thing,), labels, labels / 1.0, 4, 0.9, 0.0, (32.0, 24.0), 9)
     found = averaged(frames, frames, motion, 50.0)
     inner = ndimage.binary_erosion(labels == 1, iterations=4)
-    assert np.all(found.num_frames[inner] == 5)
-    assert np.var((found.levels - truth)[inner]) == pytest.approx(1 / 5, rel=0.2)
-    far = np.s_[:, 84:]
+    assert found.num_frames[inner].min() == fewest  # it leaves the picture on the left
+    assert found.num_frames[inner].max() == 5
+    apart = (found.levels - truth)[inner] * np.sqrt(found.num_frames[inner])
+    assert np.var(apart) == pytest.approx(1, rel=0.2)
+    assert np.mean(apart) == pytest.approx(0, abs=0.1)
+    far = np.s_[58:]
     assert np.mean(found.num_frames[far]) == pytest.approx(9, abs=0.8)
     assert np.var((found.levels - truth)[far]) == pytest.approx(1 / 9, rel=0.3)
 

@@ -228,6 +228,8 @@ def test_paths_beside_a_camera_that_turns_are_those_of_the_rest():
         (begin, _), *_, (_, end) = taken.lights
         assert whole.bends[0] <= begin - 0.0015 + 1e-12
         assert whole.bends[-1] >= end + 0.0015 - 1e-12
+        # Beyond that it runs up and out, and rests for no longer than the readout.
+        assert whole.bends[-1] - whole.bends[0] <= end - begin + 4 * 0.003 + 0.004
         # As far out as rows see, the camera turns on, and the stage keeps its limits.
         tight = replace(limits, max_travel=float(taken.use_within(limits).travel))
         rest = taken.path_for_rows(0.003, tight).beside(np.atleast_1d(taken.pan))

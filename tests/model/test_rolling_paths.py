@@ -19,6 +19,8 @@ def test_a_row_sees_the_part_of_the_path_that_is_later():
         differs = instants.place[0] - alternating(instants.time)
         assert np.ptp(differs) < 2e-5
         assert np.min(instants.time) - delay == pytest.approx(-2 * PERIOD, rel=1e-3)
+        assert np.max(instants.time) - delay == pytest.approx(2 * PERIOD, rel=1e-3)
+        np.testing.assert_allclose(instants.exposure, PERIOD)
 
 
 def test_a_circle_turns_on():

@@ -24,7 +24,8 @@ from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_ties import ALTERNATING, FOLLOW, FREE, PAN, SWEEP, SWINGS, Tie
-from mishutter.search.moving_frames import best_moving_burst, kind_of, levels_of, sequence_of
+from mishutter.search.frame_words import kind_of
+from mishutter.search.moving_frames import best_moving_burst, levels_of, sequence_of
 
 SIMPLER = 0.05 + 0.005
 """Decibels that simpler frames may be below the best, and those of the search."""
