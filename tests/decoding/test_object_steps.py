@@ -482,6 +482,7 @@ def test_the_cover_of_a_pixel_is_of_two_likelihoods():
     random, shape = np.random.default_rng(11), (5, 6)
     own = stills_of(texture(3))
     frames = random.uniform(0.3, 0.5, size=(3, *shape))
+    frames[:, 1, 4] = 0.05  # which tells more than a pixel may
     seen = np.ones((3, *shape))
     seen[0, 2:] = 0
     thing = _Layer(np.full(shape, 0.44), np.full(shape, 4e-3))
