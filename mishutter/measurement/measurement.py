@@ -10,6 +10,7 @@ from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, motion_of, read_in_turn
 from mishutter.measurement.noise import Noise, noise_of
+from mishutter.measurement.pan import registered
 from mishutter.measurement.scene import Measurement, along_axis
 from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
 from mishutter.measurement.steady import bands_of_light, steady
@@ -133,11 +134,13 @@ def noise_from(
         key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
         for key, source in others.items()
     }
-    alike = steady(clip.frames, clip.step)
+    whole = registered(clip.frames)
+    frames, ways = whole or (clip.frames, None)
+    alike = steady(frames, clip.step, ways)
     told = None if black is None else float(black)
     noise = noise_of(clip, alike, read["dark"], read["flats"], told)
     for word in alike.words:
-        clip = clip.with_frames(alike.same, word)
+        clip = clip.with_frames(alike.same if ways is None else clip.frames, word)
     bands = bands_of_light(alike.same)
     if bands:
         word = (

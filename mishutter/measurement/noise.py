@@ -60,7 +60,7 @@ def noise_of(
     """The noise of a clip, with dark frames and flat fields where there are some."""
     _check_others(clip, dark, flats, black)
     known, of_black, dark, refusals = _black_of(clip, dark, black)
-    blocks = photon_transfer.blocks_of(steady, pairs_of(clip.num_frames), clip.ends)
+    blocks = photon_transfer.blocks_of(steady, pairs_of(steady.num_frames), clip.ends)
     transfer = photon_transfer.transfer_of(blocks, _others(clip, dark, flats), clip.step)
     if transfer is not None:
         transfer = replace(transfer, error=steady.error)
@@ -87,7 +87,7 @@ def noise_of(
     deviation = (span[1] - span[0]) / np.sqrt(12) if known is None else known.error
     errors = gain.error / gain.value, deviation / (clip.white - middle)
     electrons = (clip.white - middle) / gain.value
-    texts = [_frames_text(clip.num_frames, "")]
+    texts = [_frames_text(steady.num_frames, "")]
     texts += [_frames_text(len(flats), "flat")] if flats is not None else []
     source = f"photon transfer over {' and '.join(texts)}"
     read, ends, of_read, unread = _read_of(clip, transfer, span, known, dark)

@@ -38,7 +38,7 @@ _MOST_CUT = 0.9
 
 def signs_of(clip: Clip, steady: Steady, transfer: Transfer, black: float | None) -> list[Refusal]:
     """The signs that a clip has, each with its reason and remedy."""
-    coded = [_repeats(clip, transfer), _steps_of_eight(clip)]
+    coded = [_repeats(steady.levels, transfer, clip.step), _steps_of_eight(clip)]
     others = [
         _correlates(steady.same, transfer.at_rest),
         _is_filtered(clip, steady, transfer),
@@ -105,22 +105,22 @@ def too_few(clip: Clip, whole_share: float, variance: float) -> Refusal:
     return Refusal(NOISE, reason, remedy)
 
 
-def _repeats(clip: Clip, transfer: Transfer) -> Refusal | None:
+def _repeats(frames: np.ndarray, transfer: Transfer, step: float) -> Refusal | None:
     r"""Pixels that keep their level from frame to frame more often than noise lets them.
 
     Two levels that were rounded are equal with the chance $E\max(0, 1 - |x|)$, of a difference
     $x$ in steps before rounding.
     """
-    if clip.step == 0:
+    if step == 0:
         return None
     equal, expected = [], []
     for k, rest in enumerate(transfer.at_rest):
         if not rest.any():
             continue
-        first, second = _blocks(clip.frames[k])[rest], _blocks(clip.frames[k + 1])[rest]
+        first, second = _blocks(frames[k])[rest], _blocks(frames[k + 1])[rest]
         equal.append(np.mean(first == second, axis=1))
         variance = transfer.law((first.mean(axis=1) + second.mean(axis=1)) / 2)
-        deviation = np.sqrt(2 * np.maximum(variance / clip.step**2 - 1 / 12, 1e-4))
+        deviation = np.sqrt(2 * np.maximum(variance / step**2 - 1 / 12, 1e-4))
         tail = deviation * np.sqrt(2 / np.pi) * (1 - np.exp(-1 / (2 * deviation**2)))
         expected.append(special.erf(1 / deviation / np.sqrt(2)) - tail)
     if not equal:
@@ -193,10 +193,10 @@ def _is_filtered(clip: Clip, steady: Steady, transfer: Transfer) -> Refusal | No
     near_spread = (near.variance / transfer.law(near.mean)).reshape(shape)
     texture = (near.texture / transfer.law(near.mean)).reshape(shape)
     for lag in (2, 3):
-        if clip.num_frames <= lag:
+        if steady.num_frames <= lag:
             break
-        far = blocks_of(steady, pairs_of(clip.num_frames, lag), clip.ends)
-        count = clip.num_frames - lag
+        far = blocks_of(steady, pairs_of(steady.num_frames, lag), clip.ends)
+        count = steady.num_frames - lag
         rest = np.all([transfer.at_rest[k : k + count] for k in range(lag)], axis=0)
         rest &= far.is_whole.reshape(rest.shape)
         if rest.sum() < 30:

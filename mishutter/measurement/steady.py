@@ -7,7 +7,7 @@ parts of a pixel. Both are judged by what stands still, and taken out.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 SIDE, PART = 8, 4
@@ -22,7 +22,7 @@ _LEAST_SHAKE, _MOST_SHAKE = 0.01, 1.0
 """Shake that changes no noise, and the greatest that is told from motion; px."""
 _PARTS = 5
 """Parts of a picture along either side, whose motions tell the error of a shake."""
-_MOST_PIXELS = 250_000
+MOST_PIXELS = 250_000
 """Pixels of a frame by which its motion is found."""
 _CERTAIN = 5.0
 """Errors beyond which a shake is taken for one."""
@@ -42,11 +42,18 @@ class Steady(NamedTuple):
     moves: Float[np.ndarray, "frames 2"] | None = None  # Motions that were taken out; px
     # Change of the square of the lens's blur over the clip; px^2, 0 if none is certain
     focus: float = 0.0
+    # Ways in whole pixels by which frames of a picture that moves as a whole were cut; px
+    ways: Int[np.ndarray, "frames 2"] | None = None
 
     @staticmethod
-    def of(frames: np.ndarray) -> "Steady":
+    def of(frames: np.ndarray, ways: np.ndarray | None = None) -> "Steady":
         """Frames that are alike as they are."""
-        return Steady(frames, frames, np.ones(len(frames)))
+        return Steady(frames, frames, np.ones(len(frames)), ways=ways)
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.levels)
 
     @property
     def error(self) -> float:
@@ -67,7 +74,14 @@ class Steady(NamedTuple):
                 f"the exposure drifts by {self.drift:.1%} from frame to frame, which was divided "
                 "out"
             )
-        if self.moves is not None:
+        if self.ways is not None:
+            moves = self.ways if self.moves is None else self.ways + self.moves
+            words.append(
+                f"all detail moves alike, by {_size(np.diff(moves, axis=0)):.2g} px a frame: the "
+                f"noise is that of {len(moves)} frames laid on one another, and holds the fixed "
+                "pattern of the pixels; a clip at rest, or flat fields (--flat), tell it without"
+            )
+        elif self.moves is not None:
             words.append(f"the camera shakes by {_size(self.moves):.2g} px, which was taken out")
         if self.focus:
             words.append(
@@ -84,19 +98,22 @@ def means(pixels: np.ndarray, side: int) -> np.ndarray:
     return cut.reshape(rows, side, columns, side).mean(axis=(1, 3), dtype=np.float64)
 
 
-def steady(frames: np.ndarray, step: float) -> Steady:
-    """Frames that are divided by their exposures and moved back, where they differ in these."""
-    series = _of_one_exposure(frames, step)
-    moves, error, focus = _moves(series.same)
+def steady(frames: np.ndarray, step: float, ways: np.ndarray | None = None) -> Steady:
+    """Frames that are divided by their exposures and moved back, where they differ in these.
+
+    Frames of a picture that moves as a whole are cut already, by the ways that it goes.
+    """
+    series = _of_one_exposure(frames, step)._replace(ways=ways)
+    moves, error, focus = moves_of(series.same)
     if np.abs(moves).max() > max(_MOST_SHAKE, _CERTAIN * error):
-        # Of a picture that pans, or moves as a whole, nothing shows the exposure.
-        return Steady.of(frames)
+        # Where all moves, and not alike, nothing shows the exposure.
+        return Steady.of(frames, ways)
     if _size(moves) > max(_LEAST_SHAKE, _CERTAIN * error):
         # The mean of frames that shake is blurred, which makes their motions look smaller.
         more = moves
         for _ in range(2):
             registered = _moved_back(series.same, moves)
-            more, _, focus = _moves(registered)
+            more, _, focus = moves_of(registered)
             moves = moves + more
         # Motion that is left is no shake.
         if _size(more) < 0.1 * _size(moves):
@@ -117,7 +134,11 @@ def bands_of_light(frames: Float[np.ndarray, "frames rows columns"]) -> float:
     if len(frames) < _LEAST_OF_BANDS or min(usual.shape) < _LEAST_OF_BANDS:
         return 0.0
     seen = usual > np.quantile(usual, 0.25)
-    ratio = np.where(seen, blocks / np.where(seen, usual, 1.0), np.nan)
+    # A brightness that rises evenly, and moves, changes all levels alike: a line of the usual ones.
+    lines = [_robust_line(usual.ravel(), each.ravel()) for each in blocks]
+    offsets, slopes, _ = np.array(lines).T[:, :, None, None]
+    changes = blocks - offsets - slopes * usual
+    ratio = np.where(seen, changes / np.where(seen, usual, 1.0), np.nan)
     lit = np.sum(seen, axis=1) >= _LEAST_OF_BANDS
     if np.sum(lit) < _LEAST_OF_BANDS:
         return 0.0
@@ -204,7 +225,7 @@ def _moved(picture: np.ndarray, move: np.ndarray) -> np.ndarray:
     return ndimage.shift(picture, move, order=3, mode="nearest", output=np.float32)
 
 
-def _moves(
+def moves_of(
     frames: np.ndarray,
 ) -> tuple[Float[np.ndarray, "frames 2"], float, tuple[float, float]]:
     """Motion of each frame against their mean, its error, and how much blur changes, with error."""
@@ -213,7 +234,7 @@ def _moves(
     # Gaussian of variance c is more its curvature times c / 2.
     slopes = [-np.gradient(smooth, axis=axis) for axis in (0, 1)]
     # Some pixels of a large picture tell as much as all.
-    jump = 1 + int(np.sqrt(smooth.size / _MOST_PIXELS))
+    jump = 1 + int(np.sqrt(smooth.size / MOST_PIXELS))
     some = slice(None, None, jump), slice(None, None, jump)
     columns = np.stack([x[some] for x in (*slopes, ndimage.laplace(smooth) / 2)], axis=-1)
     rows, cols = (np.arange(n) * _PARTS // n for n in columns.shape[:2])

@@ -14,7 +14,7 @@ from mishutter.measurement.noise import _root
 from mishutter.measurement.photon_transfer import Law, Transfer, blocks_of, pairs_of, transfer_of
 from mishutter.measurement.scene import along_axis
 from mishutter.measurement.signs import detail_excess, shot_gamma
-from mishutter.measurement.steady import Steady, _moves
+from mishutter.measurement.steady import Steady, moves_of
 from mishutter.measurement.texture import averaged
 from mishutter.pictures.registration.sweep import Region, Smoothed, swept
 
@@ -219,13 +219,13 @@ def test_the_error_of_a_shake_is_what_noise_makes_of_one():
     light = 80 * ndimage.gaussian_filter(random.normal(size=(96, 110)), 1.5)
     sizes, errors = [], []
     for _ in range(20):
-        moves, error, _ = _moves((light + random.normal(size=(6, 96, 110))).astype(np.float32))
+        moves, error, _ = moves_of((light + random.normal(size=(6, 96, 110))).astype(np.float32))
         sizes.append(np.mean(np.sum(moves**2, axis=1)))
         errors.append(error)
     assert np.mean(errors) == pytest.approx(np.sqrt(np.mean(sizes)), rel=0.2)
     frames = np.array([light] * 6, np.float32)
     frames[4] = ndimage.shift(light, (0.2, -0.1), order=3, mode="nearest")
-    apart = _moves(frames)[0]
+    apart = moves_of(frames)[0]
     np.testing.assert_allclose(apart[4] - apart[0], [0.2, -0.1], atol=0.02)
 
 

@@ -36,11 +36,11 @@ from mishutter.measurement.signs import _correlates, signs_of, too_narrow
 from mishutter.measurement.signs import _leap as _leap_of_variance
 from mishutter.measurement.steady import (
     Steady,
-    _moves,
     _of_one_exposure,
     _robust_line,
     bands_of_light,
     means,
+    moves_of,
 )
 from mishutter.measurement.texture import averaged, is_mosaic
 from mishutter.pictures.registration.sweep import Region, Smoothed, Sweep
@@ -379,14 +379,16 @@ def test_the_error_of_a_focus_is_what_noise_makes_of_one():
     light = 80 * ndimage.gaussian_filter(random.normal(size=(96, 110)), 1.5)
     values, errors = [], []
     for _ in range(20):
-        _, _, (value, error) = _moves((light + random.normal(size=(6, 96, 110))).astype(np.float32))
+        _, _, (value, error) = moves_of(
+            (light + random.normal(size=(6, 96, 110))).astype(np.float32)
+        )
         values.append(value)
         errors.append(error / np.sqrt(2))
     assert np.mean(values) == pytest.approx(2.53 * np.mean(errors), rel=0.25)
     frames = np.array([light] * 6, np.float32)
     for axis in (0, 1):
         frames[5] = ndimage.convolve1d(frames[5], [0.045, 0.91, 0.045], axis)
-    assert _moves(frames)[2][0] == pytest.approx(0.09, rel=0.2)
+    assert moves_of(frames)[2][0] == pytest.approx(0.09, rel=0.2)
 
 
 @pytest.mark.parametrize(("first", "fewest"), [(30, 5), (2, 4)])
@@ -535,9 +537,9 @@ def test_a_shake_is_found_by_some_pixels_of_a_large_picture(monkeypatch):
     frames = np.array([light] * 5, np.float32)
     frames[3] = ndimage.shift(light, (0.2, -0.1), order=3, mode="nearest")
     frames += random.normal(size=frames.shape).astype(np.float32)
-    of_all, error, _ = _moves(frames)
-    monkeypatch.setattr("mishutter.measurement.steady._MOST_PIXELS", 10_000)
-    of_some, larger, _ = _moves(frames)
+    of_all, error, _ = moves_of(frames)
+    monkeypatch.setattr("mishutter.measurement.steady.MOST_PIXELS", 10_000)
+    of_some, larger, _ = moves_of(frames)
     np.testing.assert_allclose(of_some, of_all, atol=4 * larger)
     np.testing.assert_allclose(of_some[3] - of_some[0], [0.2, -0.1], atol=0.02)
     assert error < larger < 2 * error
