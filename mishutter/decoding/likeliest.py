@@ -72,7 +72,7 @@ class AbstractRolledFrame(ABC):
 
     @abstractmethod
     def rows(self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]) -> np.ndarray:
-        """Marks that some waves of half of the DFT leave at the head of each row, or in each pixel."""
+        """Traces of some waves of half of the DFT: at the head of each row, or in each pixel."""
 
     @property
     @abstractmethod
