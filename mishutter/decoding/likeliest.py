@@ -72,7 +72,7 @@ class AbstractRolledFrame(ABC):
 
     @abstractmethod
     def rows(self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]) -> np.ndarray:
-        """What some waves of half of the DFT leave at the head of each row, or in each pixel."""
+        """Traces of some waves of half of the DFT: at the head of each row, or in each pixel."""
 
     @property
     @abstractmethod
@@ -207,7 +207,9 @@ def likeliest(
     """The likeliest pictures: by a matrix that all share, or by gradients until they settle."""
     if isinstance(responses, np.ndarray) or responses[0].matrix is None:
         near = (_together if math.isfinite(settled) else _alone)(canvas, responses)
-        solve = partial(_by_gradients, canvas, responses, near, tolerance, settled)
+        solve = partial(
+            _by_gradients, canvas, responses, near=near, tolerance=tolerance, settled=settled
+        )
     else:
         solve = _by_matrices(canvas, [one.matrix for one in responses])
     return _solved(canvas, responses, solve)
@@ -311,10 +313,11 @@ def _together(canvas: Canvas, responses: Responses) -> Solve:
 def _by_gradients(
     canvas: Canvas,
     responses: Responses,
+    target: Complex[np.ndarray, "..."],
+    *,
     near: Solve,
     tolerance: float,
     settled: float,
-    target: Complex[np.ndarray, "..."],
 ) -> Complex[np.ndarray, "..."]:
     """The likeliest pictures, by conjugate gradients on all of them at once."""
     dtype, shape = canvas.frames.dtype, canvas.shape
