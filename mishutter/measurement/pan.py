@@ -23,8 +23,8 @@ _CERTAIN = 1.6
 """Ratio of two variances of a block that noise has in one of ten thousand."""
 _WHOLE = 0.9
 """Share of the blocks that tell, which must move for all detail to do so."""
-_LEAST_TOLD = 0.05
-"""Least share of the blocks that must tell."""
+_LEAST_TOLD = 2 / 3
+"""Share of all blocks that must move: dull ones may stand still, and hold no pattern then."""
 
 
 class Registered(NamedTuple):
