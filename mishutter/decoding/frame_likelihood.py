@@ -52,6 +52,8 @@ from mishutter.model.sequences import Frames, frames_in
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
+_INFORMED = 1e-2
+"""The same of pictures of changes: information errs by the square, 1 in 1,000."""
 GRID = 64
 """Frequencies along each axis of the plane by which volumes are computed."""
 _FINE = 256
@@ -136,9 +138,10 @@ class Level(NamedTuple):
         """The volume of the likelihood of a velocity, of each of its pictures."""
         power, aperture = self.coarse
         *down, across = power.shape
+        grid, dtype = (*down, 2 * (across - 1)), self.canvas.frames.dtype
         velocity, volumes = velocity / self.canvas.size, []
         for one in [self.instants] if self.rows is None else self.rows.paths.some:
-            responses = waves_of(one, velocity[None], (*down, 2 * (across - 1)))[:, 0] * aperture
+            responses = waves_of(one, velocity[None], grid, dtype)[:, 0] * aperture
             noises = self.canvas.noises.reshape(-1, *[1] * power.ndim)
             density = np.abs(responses) ** 2 * power / noises
             volumes.append(volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor))
@@ -359,7 +362,7 @@ def climbed(
     here, furthest, canvas = slope_at(level, velocity, tolerance), _furthest(level), level.canvas
     beside = []
     for change in here.changes:
-        own = here.found.of(change)
+        own = here.found.of(change, max(tolerance, _INFORMED))
         beside.append(canvas.known(change - own.seen[:, 0]))
     noises = canvas.noises[:, None, None]
     information = np.array([[np.sum(d * r / noises) for r in beside] for d in here.changes])
