@@ -88,7 +88,10 @@ def _sums_of_products(
         for place, f in zip(places, frequencies, strict=True)
     )
     # NumPy vectorises these for single precision, and not complex exponentials.
-    first, second = (space.cos(turn) + 1j * space.sin(turn) for turn in turns)
+    first, second = (
+        space.cos(turn).astype(dtype) + dtype.type(1j) * space.sin(turn).astype(dtype)
+        for turn in turns
+    )
     return space.matmul(first * weight[:, None, :].astype(dtype), space.swapaxes(second, 1, 2))
 
 

@@ -52,8 +52,6 @@ from mishutter.model.sequences import Frames, frames_in
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
-_INFORMED = 1e-2
-"""The same of pictures of changes: information errs by the square, 1 in 1,000."""
 GRID = 64
 """Frequencies along each axis of the plane by which volumes are computed."""
 _FINE = 256
@@ -360,9 +358,10 @@ def climbed(
 ) -> Climb:
     """A step from a velocity towards the peak of the likelihood, by Gauss and Newton."""
     here, furthest, canvas = slope_at(level, velocity, tolerance), _furthest(level), level.canvas
+    # Information errs by the square of what such pictures lack.
     beside = []
     for change in here.changes:
-        own = here.found.of(change, max(tolerance, _INFORMED))
+        own = here.found.of(change, min(10 * tolerance, ROUGHLY))
         beside.append(canvas.known(change - own.seen[:, 0]))
     noises = canvas.noises[:, None, None]
     information = np.array([[np.sum(d * r / noises) for r in beside] for d in here.changes])
