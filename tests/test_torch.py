@@ -235,6 +235,16 @@ def test_a_function_of_jax_has_its_own_gradient():
     torch.testing.assert_close(scale.grad, 4 * sines.float())
 
 
+def test_values_of_two_precisions_pull_back_in_their_own():
+    """PyTorch has them in the widest one, and so what comes back."""
+    wide = torch.tensor([0.3, 1.1], dtype=torch.float64, requires_grad=True)
+    narrow = torch.tensor([0.7, 0.2, 0.1], dtype=torch.float32, requires_grad=True)
+    cube, square = differentiable(lambda x, y: (x**3, y**2))(wide, narrow)
+    (cube.sum() + square.sum()).backward()
+    torch.testing.assert_close(wide.grad, 3 * wide.detach() ** 2)
+    torch.testing.assert_close(narrow.grad, 2 * narrow.detach())
+
+
 def waves(row, scale):
     """A function of JAX whose derivatives of every order are not 0, with several values."""
     return {"waves": jnp.sin(row) * row[::-1] ** 2 * scale, "product": (jnp.prod(row) ** 2,)}

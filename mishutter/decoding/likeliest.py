@@ -72,7 +72,7 @@ class AbstractRolledFrame(ABC):
 
     @abstractmethod
     def rows(self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]) -> np.ndarray:
-        """What some waves of half of the DFT leave at the head of each row, or in each pixel."""
+        """Traces of some waves of half of the DFT: at the head of each row, or in each pixel."""
 
     @property
     @abstractmethod
@@ -212,7 +212,7 @@ def likeliest(
     """The likeliest pictures: by a matrix that all share, or by gradients until they settle."""
     if isinstance(responses, np.ndarray) or responses[0].matrix is None:
         near = (_together if math.isfinite(settled) else _alone)(canvas, responses)
-        solve = partial(_by_gradients, canvas, responses, near, settled)
+        solve = partial(_by_gradients, canvas, responses, near=near, settled=settled)
     else:
         solve = _by_matrices(canvas, [one.matrix for one in responses])
     return _solved(canvas, responses, solve, tolerance)
@@ -316,10 +316,11 @@ def _together(canvas: Canvas, responses: Responses) -> Near:
 def _by_gradients(
     canvas: Canvas,
     responses: Responses,
-    near: Near,
-    settled: float,
     target: Complex[np.ndarray, "..."],
     tolerance: float,
+    *,
+    near: Near,
+    settled: float,
 ) -> Complex[np.ndarray, "..."]:
     """The likeliest pictures, by conjugate gradients on all of them at once."""
     dtype, shape = canvas.frames.dtype, canvas.shape

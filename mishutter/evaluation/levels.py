@@ -327,7 +327,8 @@ def gained_by(
     if namespace_of(time, fan.radius) is np:
         total = np.zeros(shape)
         each = (shape[1] + parts.speeds.shape[1] * shape[2]) * time.shape[1]
-        for rows in np.array_split(np.arange(shape[0]), math.ceil(shape[0] * each / _AT_ONCE)):
+        num_parts = min(shape[0], math.ceil(shape[0] * each / _AT_ONCE))
+        for rows in np.array_split(np.arange(shape[0]), num_parts):
             own = Fan(fan.radius[rows], *(x[rows] for x in fan[1:]))
             along = jax.tree.map(lambda x, rows=rows: x[rows] if len(x) > 1 else x, parts)
             for k in np.flatnonzero(gains):

@@ -19,6 +19,7 @@ from mishutter import (
     write_layers,
 )
 from mishutter.camera.plane_frames import aperture_on
+from mishutter.camera.plane_layers import _reach
 from mishutter.evaluation.instants import Instants
 
 SCENE = scene_of("A")
@@ -143,3 +144,24 @@ def test_what_a_small_thing_hides_is_hidden_once():
     away = np.abs(np.arange(420) - 322) > 30
     np.testing.assert_allclose(light[:, away], 0.8, atol=1e-3)
     assert np.min(light[:, ~away]) < 0.15
+
+
+@pytest.mark.parametrize("axis", [0, 1], ids=["along rows", "along columns"])
+def test_a_streak_hides_all_across_it(axis):
+    """A thing at rest hides each point of its streak for its share of the way."""
+    velocities, size, way = np.zeros((2, 2)), 24, 300
+    velocities[axis] = way / 0.03
+    frames = PlaneFrames(np.zeros(1), np.full(1, 0.03), np.full(1, 0.03), velocities)
+    shape = (60, 400) if axis == 0 else (400, 60)
+    top, left = (18, 188) if axis == 0 else (188, 18)
+    thing = Layer(Picture(np.full((size, size, 1), 0.1)), (0.0, 0.0), left=left, top=top)
+    layers = Layers((Layer(Picture(np.full((*shape, 1), 0.8)), (0.0, 0.0)), thing))
+    light = np.asarray(simulate_frames(layers, SCENE, frames))[0, ..., 0]
+    streak = light[21:39, 70:330] if axis == 0 else light[70:330, 21:39]
+    np.testing.assert_allclose(streak, 0.8 - 0.7 * size / way, atol=0.01)
+
+
+def test_a_sheet_reaches_as_far_as_it_is_displaced_to_either_side():
+    displacement = np.array([[[-7.2, 1.0]], [[0.5, -2.1]]])
+    assert _reach(displacement) == (3, 8)
+    assert _reach(-displacement) == (3, 8)

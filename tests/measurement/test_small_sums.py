@@ -429,6 +429,15 @@ def test_stripes_along_one_axis_are_no_mosaic():
     assert is_mosaic(light + stripes + 30 * (np.arange(130) % 2))
 
 
+def test_a_steep_ramp_hides_no_mosaic():
+    """Ends of lines that do not meet have power at all frequencies, but for the window."""
+    random = np.random.default_rng(5)
+    down, across = np.mgrid[:97, :131]
+    light = 4000.0 * across / 131 + 2500.0 * down / 97 + 4 * random.normal(size=(97, 131))
+    assert not is_mosaic(light)
+    assert is_mosaic(light + 8 * (across % 2) + 8 * (down % 2))
+
+
 def test_one_dark_frame_is_taken_where_it_tells_more():
     """With a tenth of its noise for what may be fixed, less that of rounding, in electrons."""
     random = np.random.default_rng(3)

@@ -303,8 +303,7 @@ def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
                 (along.window, near),
                 thing.matte,
                 blur,
-                square,
-                cross - _BIAS,
+                (square, cross - _BIAS),
                 _FINE_EDGE * _costs(stills, along),
             )
         )
@@ -372,8 +371,7 @@ def _solved(
     where: tuple[Window, Mask],
     matte: Mask,
     blur: Float[np.ndarray, "2"],
-    square: Mask,
-    cross: Mask,
+    cover: tuple[Mask, Mask],
     costs: Mask,
 ) -> Mask:
     """The matte of least misfit and few edges, with edges as sharp as a pixel's."""
@@ -387,7 +385,7 @@ def _solved(
     def blurred(mask: Mask) -> Mask:
         return irfftn(rfftn(np.pad(mask, 16)) * box, size)[16:-16, 16:-16]
 
-    square, cross = square.astype(np.float32), cross.astype(np.float32)
+    square, cross = (each.astype(np.float32) for each in cover)
     step = 1 / (float(square.max()) / 2 + 4)
     slope = lambda u: near * blurred(blurred(u) * square - cross)  # noqa: E731
     solved = of_few_edges(part, slope, costs, step, 60)
