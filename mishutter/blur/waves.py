@@ -83,9 +83,14 @@ def _sums_of_products(
 ) -> Any:
     """Sums over $q$ of waves of the first places times those of the second, for all pairs."""
     dtype = np.result_type(places[0].dtype, np.complex64)
-    first, second = (
-        space.exp(place[:, None, :].astype(dtype) * (-2j * np.pi * f).astype(dtype)[None, :, None])
+    turns = (
+        place[:, None, :] * (-2 * np.pi * f).astype(place.dtype)[None, :, None]
         for place, f in zip(places, frequencies, strict=True)
+    )
+    # NumPy vectorises these for single precision, and not complex exponentials.
+    first, second = (
+        space.cos(turn).astype(dtype) + dtype.type(1j) * space.sin(turn).astype(dtype)
+        for turn in turns
     )
     return space.matmul(first * weight[:, None, :].astype(dtype), space.swapaxes(second, 1, 2))
 

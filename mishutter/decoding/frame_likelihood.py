@@ -136,9 +136,10 @@ class Level(NamedTuple):
         """The volume of the likelihood of a velocity, of each of its pictures."""
         power, aperture = self.coarse
         *down, across = power.shape
+        grid, dtype = (*down, 2 * (across - 1)), self.canvas.frames.dtype
         velocity, volumes = velocity / self.canvas.size, []
         for one in [self.instants] if self.rows is None else self.rows.paths.some:
-            responses = waves_of(one, velocity[None], (*down, 2 * (across - 1)))[:, 0] * aperture
+            responses = waves_of(one, velocity[None], grid, dtype)[:, 0] * aperture
             noises = self.canvas.noises.reshape(-1, *[1] * power.ndim)
             density = np.abs(responses) ** 2 * power / noises
             volumes.append(volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor))
@@ -357,9 +358,10 @@ def climbed(
 ) -> Climb:
     """A step from a velocity towards the peak of the likelihood, by Gauss and Newton."""
     here, furthest, canvas = slope_at(level, velocity, tolerance), _furthest(level), level.canvas
+    # Information errs by the square of what such pictures lack.
     beside = []
     for change in here.changes:
-        own = here.found.of(change)
+        own = here.found.of(change, min(10 * tolerance, ROUGHLY))
         beside.append(canvas.known(change - own.seen[:, 0]))
     noises = canvas.noises[:, None, None]
     information = np.array([[np.sum(d * r / noises) for r in beside] for d in here.changes])

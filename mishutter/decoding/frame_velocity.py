@@ -50,8 +50,8 @@ _MOST_ALONG = 64
 """Most steps from rest to the fastest velocity that is tried in the plane."""
 _MOST_SPEEDS = 4096
 """Most speeds that are tried along an axis."""
-_NEAR = 0.1
-"""Part of a step within which a peak is reached."""
+_NEAR, _SAME = 0.1, 0.25
+"""Parts of a step within which a peak is reached, and within which two are the same."""
 _ROWS_OF_SPEED, _BANDS = 32, 4
 """Rows that tell a speed, and bands of them of each of which one is searched."""
 _LEAST_DETAIL = 0.5
@@ -441,7 +441,7 @@ def _searched(own: Own, law: _Speeds | AbstractVelocities) -> _Search:
     ends = [_top(level, peak, step) for peak in peaks]
     best = max(ends, key=lambda end: end.value(level))
     # Peaks may be narrower than a step.
-    ends += [_top(level, best.best + step * each, step) for each in beside if np.any(each)]
+    ends += [_top(level, best.best + step * each, step, best) for each in beside if np.any(each)]
     # What still climbs is on the way to another.
     still = [end for end in ends if end is best or end.size < _NEAR * step]
     still.sort(key=lambda end: -end.value(level))
@@ -466,11 +466,12 @@ def _values(
     return values
 
 
-def _top(level: Level, velocity: np.ndarray, step: float) -> Climb:
-    """The last of some climbs from a velocity."""
+def _top(level: Level, velocity: np.ndarray, step: float, other: Climb | None = None) -> Climb:
+    """The last of some climbs from a velocity, which may lead to another's end."""
     climb = climbed(level, velocity, ROUGHLY)
     for _ in range(4):
-        if climb.size < _NEAR * step:
+        is_same = other and np.linalg.norm(climb.best - other.best) < _SAME * step
+        if is_same or climb.size < _NEAR * step:
             break
         climb = climbed(level, climb.best, ROUGHLY)
     return climb

@@ -164,8 +164,10 @@ class Canvas(NamedTuple):
         return mean_over_dft(self.power / (1 + self.power * density), *self.shape)
 
 
-Solve = Callable[[Complex[np.ndarray, "..."]], Complex[np.ndarray, "..."]]
-"""The likeliest pictures, from all that frames tell of them."""
+Near = Callable[[Complex[np.ndarray, "..."]], Complex[np.ndarray, "..."]]
+"""Pictures near the likeliest ones, from all that frames tell of them."""
+Solve = Callable[[Complex[np.ndarray, "..."], float], Complex[np.ndarray, "..."]]
+"""The likeliest pictures, from all that frames tell of them, to a tolerance."""
 
 
 class Likeliest(NamedTuple):
@@ -178,9 +180,12 @@ class Likeliest(NamedTuple):
     # How much better than no picture each explains the frames, as a logarithm of likelihood
     gains: Float[np.ndarray, "*pictures"]
 
-    def of(self, frames: Float[np.ndarray, "frames ..."]) -> "Likeliest":
+    def of(
+        self, frames: Float[np.ndarray, "frames ..."], tolerance: float = TOLERANCE
+    ) -> "Likeliest":
         """Those of other frames of the same responses."""
-        return _solved(self.canvas._replace(frames=frames), self.responses, self.solve)
+        canvas = self.canvas._replace(frames=frames)
+        return _solved(canvas, self.responses, self.solve, tolerance)
 
     @property
     def picture(self) -> Float[np.ndarray, "..."]:
@@ -207,18 +212,16 @@ def likeliest(
     """The likeliest pictures: by a matrix that all share, or by gradients until they settle."""
     if isinstance(responses, np.ndarray) or responses[0].matrix is None:
         near = (_together if math.isfinite(settled) else _alone)(canvas, responses)
-        solve = partial(
-            _by_gradients, canvas, responses, near=near, tolerance=tolerance, settled=settled
-        )
+        solve = partial(_by_gradients, canvas, responses, near=near, settled=settled)
     else:
         solve = _by_matrices(canvas, [one.matrix for one in responses])
-    return _solved(canvas, responses, solve)
+    return _solved(canvas, responses, solve, tolerance)
 
 
-def _solved(canvas: Canvas, responses: Responses, solve: Solve) -> Likeliest:
+def _solved(canvas: Canvas, responses: Responses, solve: Solve, tolerance: float) -> Likeliest:
     """The likeliest pictures of the frames of a canvas."""
     target = canvas.gathered(responses, canvas.frames)
-    picture = solve(target)
+    picture = solve(target, tolerance)
     gains = mean_over_dft(np.real(target.conj() * picture), *canvas.shape) / 2
     return Likeliest(canvas, responses, solve, picture, gains)
 
@@ -243,7 +246,7 @@ def _by_matrices(
         rows = np.concatenate([np.real(rows), -np.imag(rows)], axis=1)
         factors.append(scipy.linalg.cho_factor(rows.T @ rows + np.eye(rows.shape[1])))
 
-    def solve(target: Complex[np.ndarray, "s rows k"]) -> Complex[np.ndarray, "s rows k"]:
+    def solve(target: Complex[np.ndarray, "s rows k"], _: float) -> Complex[np.ndarray, "s rows k"]:
         told = np.concatenate([np.real(target) * root, np.imag(target) * root], axis=-1)
         pairs = zip(factors, told, strict=True)
         found = np.stack([scipy.linalg.cho_solve(factor, one.T).T for factor, one in pairs])
@@ -253,14 +256,14 @@ def _by_matrices(
     return solve
 
 
-def _alone(canvas: Canvas, responses: Responses) -> Solve:
+def _alone(canvas: Canvas, responses: Responses) -> Near:
     """Pictures near the likeliest ones: each wave is seen by the sensor's share of the canvas."""
     share = math.prod(canvas.sensor) / math.prod(canvas.shape)
     inverse = 1 / (share * canvas.density(responses) + 1 / canvas.power)
     return partial(np.multiply, inverse)
 
 
-def _together(canvas: Canvas, responses: Responses) -> Solve:
+def _together(canvas: Canvas, responses: Responses) -> Near:
     """Pictures nearer to the likeliest ones: the waves of most power have a matrix.
 
     Where frames tell far more of waves than the prior does, what lies beyond the borders decides,
@@ -314,9 +317,9 @@ def _by_gradients(
     canvas: Canvas,
     responses: Responses,
     target: Complex[np.ndarray, "..."],
-    *,
-    near: Solve,
     tolerance: float,
+    *,
+    near: Near,
     settled: float,
 ) -> Complex[np.ndarray, "..."]:
     """The likeliest pictures, by conjugate gradients on all of them at once."""

@@ -302,7 +302,7 @@ class FrameInTurn(AbstractRolledFrame):
         self._share, self._ways = share, ways
         length, count = canvas.shape[0], share.shape[0]
         self._fine, spread = _fine_grid(length)
-        self._spread = (self._kernels / spread[:, None]).astype(dtype)
+        self._spread = self._kernels / spread[:, None].astype(canvas.frames.dtype)
         place = (np.arange(count) + canvas.margin[0] - ways[1]) * (self._fine / length)
         near = np.ceil(place - _WIDTH / 2)[..., None] + np.arange(_WIDTH)
         values = share[:, :, None] * _window((place[..., None] - near) * 2 / _WIDTH)[:, :, None]
