@@ -56,6 +56,19 @@ def test_a_path_that_does_not_fit_comes_from_rest():
     assert early.place[0, 0, 0] == pytest.approx(early.place[0, 0, 2], abs=1e-9)
 
 
+def test_rows_beside_a_camera_that_turns_see_frames_move_as_they_do():
+    """The stage rests before and after them, so that the sensor goes with the camera."""
+    moves = LinearMotion(half_exposure=PERIOD / 2, velocity=3000.0)
+    two = [TimedFrame(moves, -PERIOD / 2, -30.0), TimedFrame(moves, PERIOD / 2, 30.0)]
+    taken = Exposures("", tuple(two)).path
+    path = taken.path_for_rows(0.004, Limits(max_acceleration=4e6), np.array([700.0]))
+    times = np.array([-PERIOD, -0.003, 0.0, PERIOD])
+    np.testing.assert_allclose(np.diff(path.place(times)[0]), 3000 * np.diff(times), rtol=1e-9)
+    begin = path.bends[0]
+    before = path.place(np.array([begin, begin + 0.003]))[0]
+    np.testing.assert_allclose(np.diff(before), 700 * 0.003, rtol=1e-6)
+
+
 def test_frames_without_a_path_have_no_rows():
     """What the stage does between frames is not known of frames alone."""
     with pytest.raises(ValueError, match=r"Instants.of\(delay=...\)` must be 0 for frames without"):
