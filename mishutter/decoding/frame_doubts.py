@@ -82,29 +82,34 @@ class Evidence(NamedTuple):
 def doubt_of_rows(
     sensor: Sensor,
     exposure: float,
-    misfit: float,
-    count: int,
-    misfit_by: Callable[[Sensor], float],
+    counts: dict[int, int],
+    misfit_by: Callable[[Sensor, int], float],
 ) -> str:
-    """The doubt of so many pixels that rows which are exposed in turn explain better.
+    """The doubt of frames that rows which are exposed in turn explain better.
 
-    The likelihood of some readout leads, by a quarter of what is above 1 at least; longer ones are
-    tried as long as they are better.
+    Counts are those of pixels, by how many along a side are binned. Readouts are tried on the
+    largest, longer ones as long as they fit better. The best is judged there and on the finer ones,
+    whose detail counts as noise in larger: where there is a misfit it leads in likelihood, by a
+    quarter of what is above 1 at least.
     """
-    best, least = None, misfit
+    coarse = max(counts)
+    best, least = sensor, misfit_by(sensor, coarse)
     for share in (0.25, 0.5, 1.0):
         tried = [replace(sensor, readout=share * exposure, rows_read=way) for way in ("down", "up")]
-        misfits = [misfit_by(each) for each in tried]
+        misfits = [misfit_by(each, coarse) for each in tried]
         if min(misfits) >= least:
             break
         best, least = tried[int(np.argmin(misfits))], min(misfits)
-    if best is None or misfit - least <= max(2 * _LEAD * misfit / count, 0.25 * (misfit - 1)):
-        return ""
-    return (
-        f"A rolling shutter of about {best.readout_time * 1e3:.2g} ms from the first row to the "
-        f"last, read {best.rows_read}, fits the frames better (misfit {least:.3g}, not "
-        f"{misfit:.3g}): give the scene its readout."
-    )
+    for size in sorted(counts, reverse=True) if best is not sensor else []:
+        misfit, least = misfit_by(sensor, size), misfit_by(best, size)
+        enough = max(2 * _LEAD * misfit / counts[size], 0.25 * (misfit - 1))
+        if misfit >= ROLLS_ABOVE and misfit - least > enough:
+            return (
+                f"A rolling shutter of about {best.readout_time * 1e3:.2g} ms from the first row "
+                f"to the last, read {best.rows_read}, fits the frames better (misfit {least:.3g}, "
+                f"not {misfit:.3g}): give the scene its readout."
+            )
+    return ""
 
 
 def odd_frame(

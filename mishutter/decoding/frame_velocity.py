@@ -220,21 +220,19 @@ class _Burst(NamedTuple):
         stays = isinstance(own.taken, PlaneFrames) and own.taken.stays
         if doubt or own.times.is_rolling or stays or len(own.frames) == 1:
             return doubt
-        if evidence.compared.misfit < ROLLS_ABOVE:
+        if max(evidence.compared.misfit, evidence.fit.misfit) < ROLLS_ABOVE:
             return ""
 
-        def misfit_by(sensor: Sensor) -> float:
-            """The misfit of a picture at its end, by rows that are read one after another."""
+        def misfit_by(sensor: Sensor, size: int) -> float:
+            """The misfit of a picture at its end, by rows that are read as a sensor does."""
             times = RowTimes.of(sensor, self.shape, in_plane=own.num_axes > 1).of_rows(self.some)
             scene = replace(own.prior.scene, sensor=sensor)
-            rolling = own._replace(times=times, prior=own.prior._replace(scene=scene))
-            level = rolling.level(velocity[None], size)
-            return level.fit(velocity, self.mean).misfit
+            rows = own._replace(times=times, prior=own.prior._replace(scene=scene))
+            return rows.level(velocity[None], size).fit(velocity, self.mean).misfit
 
-        misfit = own.level(velocity[None], size).fit(velocity, self.mean).misfit
         longest = float(np.max(exposures_of(own.taken)))
-        count = own.frames.size // size**own.num_axes
-        return doubt_of_rows(own.prior.scene.sensor, longest, misfit, count, misfit_by)
+        counts = {each: own.frames.size // each**own.num_axes for each in (size, 1)}
+        return doubt_of_rows(own.prior.scene.sensor, longest, counts, misfit_by)
 
 
 def velocity_of_frames(

@@ -108,14 +108,32 @@ def test_a_long_readout_is_not_missed_by_a_short_one():
     """Which explains too little by itself; and none is named that explains little in the end."""
     misfits = {5: 2.6, 10: 2.1, 20: 1.0}
 
-    def misfit_by(sensor, gain=1.0):
+    def misfit_by(sensor, _, gain=1.0):
+        if not sensor.is_rolling:
+            return 2.9
         apart = misfits[round(sensor.readout_time * 1e3)] if sensor.rows_read == "up" else 3.0
         return 2.9 - gain * (2.9 - apart)
 
-    doubt = doubt_of_rows(Sensor(), EXPOSURE, 2.9, 40_000, misfit_by)
+    doubt = doubt_of_rows(Sensor(), EXPOSURE, {1: 40_000}, misfit_by)
     assert doubt.startswith("A rolling shutter of about 20 ms")
     assert "read up" in doubt
-    assert doubt_of_rows(Sensor(), EXPOSURE, 2.9, 40_000, partial(misfit_by, gain=0.2)) == ""
+    little = partial(misfit_by, gain=0.2)
+    assert doubt_of_rows(Sensor(), EXPOSURE, {1: 40_000}, little) == ""
+
+
+@pytest.mark.parametrize(("global_", "by_rows", "is_said"), [(1.3, 1.0, True), (1.3, 1.25, False)])
+def test_a_readout_is_told_where_fine_detail_hides_it_in_binned_pixels(global_, by_rows, is_said):
+    """These choose the readout, and are no evidence themselves: their noise is largely detail."""
+
+    def misfit_by(sensor, size):
+        if not sensor.is_rolling:
+            return 0.5 if size == 2 else global_
+        is_best = sensor.rows_read == "up" and sensor.readout_time == EXPOSURE / 4
+        return (0.3 if is_best else 0.6) if size == 2 else by_rows
+
+    doubt = doubt_of_rows(Sensor(), EXPOSURE, {2: 60_000, 1: 240_000}, misfit_by)
+    assert ("about 5 ms" in doubt and "read up" in doubt and "not 1.3)" in doubt) == is_said
+    assert bool(doubt) == is_said
 
 
 def test_stills_that_are_read_along_the_motion_tell_the_speed():
