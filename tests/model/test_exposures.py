@@ -8,15 +8,18 @@ from support.bursts import LIMITS, SEQUENCE, a_burst_design
 from support.plane import a_plane_design
 
 from mishutter import (
+    EvenVelocities,
     Exposures,
     FreeMotion,
     Limits,
     LinearMotion,
     ParabolicMotion,
     PlaneFrames,
+    Scene,
     StillCamera,
     TimedFrame,
 )
+from mishutter.model.exposures import exposures_in_plane
 from mishutter.model.sequences import FramePath, TimedFrames
 
 
@@ -234,3 +237,19 @@ def test_paths_beside_a_camera_that_turns_are_those_of_the_rest():
         tight = replace(limits, max_travel=float(taken.use_within(limits).travel))
         rest = taken.path_for_rows(0.003, tight).beside(np.atleast_1d(taken.pan))
         np.testing.assert_allclose(rest.velocities[:, [0, -1]], 0, atol=1e-9)
+
+
+def test_frames_beside_a_camera_that_turns_ask_a_stage_for_what_is_beside_it():
+    """Travel and stroke in the plane are those of the stage, not of the camera's way."""
+    law = EvenVelocities(300.0, mean=(2000.0, 0.0))
+    limits = Limits(pans="camera", max_pan=3000.0, max_acceleration=1e6)
+    scene = Scene.any_direction(law, photon_rate=1e5, read_noise=2.0, limits=limits)
+    velocities = np.array([[200.0, -200.0], [100.0, 100.0]])
+    alone = FramePath(np.zeros(1), np.full(1, 0.02), np.full(1, 0.02), velocities)
+    turning = replace(alone, velocities=velocities + np.array([[2000.0], [0.0]]))
+    found = exposures_in_plane(scene, "sweep", turning, 30.0)
+    assert found.pan == (2000.0, 0.0)
+    use = alone.use(limits)
+    assert found.travel == pytest.approx(float(use.travel), rel=1e-9)
+    assert found.lit_travel == pytest.approx(float(use.stroke), rel=1e-9)
+    assert found.lit_travel < 4
