@@ -93,15 +93,19 @@ def doubt_of_rows(
     quarter of what is above 1 at least.
     """
     coarse = max(counts)
-    best, least = sensor, misfit_by(sensor, coarse)
+    best, misfit = sensor, misfit_by(sensor, coarse)
+    least = misfit
     for share in (0.25, 0.5, 1.0):
         tried = [replace(sensor, readout=share * exposure, rows_read=way) for way in ("down", "up")]
         misfits = [misfit_by(each, coarse) for each in tried]
         if min(misfits) >= least:
             break
         best, least = tried[int(np.argmin(misfits))], min(misfits)
-    for size in sorted(counts, reverse=True) if best is not sensor else []:
-        misfit, least = misfit_by(sensor, size), misfit_by(best, size)
+    if best is sensor:
+        return ""
+    for size in sorted(counts, reverse=True):
+        if size != coarse:
+            misfit, least = misfit_by(sensor, size), misfit_by(best, size)
         enough = max(2 * _LEAD * misfit / counts[size], 0.25 * (misfit - 1))
         if misfit >= ROLLS_ABOVE and misfit - least > enough:
             return (
