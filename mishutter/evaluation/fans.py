@@ -16,28 +16,35 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies
-from mishutter.model.scene import Scene, power_of_contrast
+from mishutter.model.scene import Scene, power_of_contrast, require_velocities
 from mishutter.model.texture import CORNER_FREQUENCY
 from mishutter.pictures.images import Picture
 
 
 class Grid(NamedTuple):
-    """Sizes of a fan: radii, directions and components of the velocities along each."""
+    """Sizes of a fan: radii, directions of each and components of the velocities along these."""
 
     num_radii: int  # Radii up to the highest frequency of an axis
-    num_angles: int  # Directions, an even number
+    num_angles: int  # Directions, an even number; the more of a list of few velocities
     num_speeds: int  # Components of a law that is no list
-    num_corner: int = 4  # Further radii, in the corners of the square of frequencies
+    num_corner: int = 8  # Further radii, in the corners of the square of frequencies
 
 
-GOLDEN = (5**0.5 - 1) / 2
-"""Share of a step by which points of a lattice follow each other, row by row."""
-SEARCHED, MEASURED = Grid(24, 8, 16), Grid(32, 16, 32)
+SEARCHED, MEASURED = Grid(48, 4, 16, 4), Grid(384, 4, 32)
 """Grids of searches, whose optimum exploits what a coarser one leaves out, and of levels."""
+_TURN, _FIRST = 4 ** (1 / 3) % 1, 2 ** (1 / 3) % 1
+"""Shares of a step by which directions follow those of the last radius, and components those along
+the last direction: with 1 they are a lattice that has points in no plane of few."""
 
 
 class Fan(NamedTuple):
-    """Frequencies along lines through 0, each of which is a scene of one axis."""
+    """Frequencies along lines through 0, each of which is a scene of one axis.
+
+    The response of an exposure turns too often over frequencies and velocities, and has too narrow
+    zeros, for a mean over each in turn. Radii, directions and components are a lattice in place of
+    a product: what lies between those of one radius is at those of others, so that errors even
+    out for ways of any length.
+    """
 
     radius: Float[Array | np.ndarray, "i"]  # cycles/px, shape `(i,)`
     direction: Float[Array | np.ndarray, "i j"]  # Angles from the rows at each radius; rad
@@ -45,23 +52,20 @@ class Fan(NamedTuple):
     weight: Float[Array | np.ndarray, "i j"]  # Share of the frequencies times `power`; sums to 1
 
     @staticmethod
-    def of(scene: Scene, grid: Grid = MEASURED, *, turned: bool = False) -> "Fan":
+    def of(scene: Scene, grid: Grid = MEASURED) -> "Fan":
         """Those of half of the plane, which stand for both halves, and a picture's power there.
 
         The power is that of the scene's photograph, or the isotropic one where it brings none.
 
         Args:
-            scene: The scene.
+            scene: The scene, of velocities in the plane.
             grid: Sizes of the fan.
-            turned: Whether each radius has directions of its own, for a search that would exploit
-                what lies between few that are alike.
         """
         cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
+        num_speeds = require_velocities(scene).components(np.zeros(1), grid.num_speeds)[0].shape[-1]
+        more = max(grid.num_speeds // num_speeds, 1)
+        grid = grid._replace(num_angles=grid.num_angles * more)
         radius, angle, area = _polar(grid, cutoff)
-        if turned:
-            turns = np.arange(grid.num_radii) * GOLDEN % 1 - 0.5
-            own = np.pad(turns, (0, radius.size - turns.size)) * np.pi / grid.num_angles
-            angle = angle + own[:, None]
         shape = _power_of_scene(scene)(radius[:, None], angle)
         total = np.sum(area * shape)
         return Fan(radius, angle, shape / total, area * shape / total)
@@ -71,6 +75,11 @@ class Fan(NamedTuple):
         """The one line of a scene of one axis, in so many equal steps."""
         power = power_of_contrast(scene, count)[:, None]
         return Fan(frequencies(count), np.zeros((count, 1)), power, power / count)
+
+    @property
+    def first(self) -> Float[np.ndarray, "i j"]:
+        """Place of the first component of velocities along each direction, as a share of a step."""
+        return (np.arange(self.direction.size) * _FIRST + 0.5).reshape(self.direction.shape) % 1
 
     @property
     def share(self) -> Float[np.ndarray, "i j"]:
@@ -104,28 +113,30 @@ def _power_of_scene(scene: Scene) -> Callable[[np.ndarray, np.ndarray], np.ndarr
 @lru_cache
 def _polar(grid: Grid, cutoff: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Radii, angles and areas of half of the disc up to a cutoff, or of half of the square."""
-    s, weight = np.polynomial.legendre.leggauss(grid.num_radii)
-    s, weight = (s + 1) / 2, weight / 2
+    s = (np.arange(grid.num_radii) + 0.5) / grid.num_radii
     # Low frequencies, at which a picture has most of its power, are dense.
-    radius, step = cutoff * s**2, 2 * cutoff * s * weight
+    radius, step = cutoff * s**2, 2 * cutoff * s / grid.num_radii
     count = grid.num_angles
-    angle = np.tile((np.arange(count) + 0.5) * np.pi / count, (radius.size, 1))
+    angle = (np.arange(count) + _turns(grid.num_radii)) * np.pi / count
     area = (2 * np.pi / count * radius * step)[:, None] * np.ones(count)
     if cutoff < NYQUIST_FREQUENCY:
         return radius, angle, area
     x, weight = np.polynomial.legendre.leggauss(grid.num_corner)
-    width = np.sqrt(0.5) - 0.5
+    width, count = np.sqrt(0.5) - 0.5, count // 2
     corner, step = 0.5 + width * (x + 1) / 2, width / 2 * weight
-    x, weight = np.polynomial.legendre.leggauss(count // 2)
-    first = np.arccos(0.5 / corner)
-    middle, half = np.pi / 4, np.pi / 4 - first
-    arc = middle + half[:, None] * x
-    share = 2 * (corner * step * half)[:, None] * weight
+    first = np.arccos(0.5 / corner)[:, None]
+    arc = first + (np.pi / 2 - 2 * first) * (np.arange(count) + _turns(grid.num_corner)) / count
+    share = 2 * (corner * step)[:, None] * (np.pi / 2 - 2 * first) / count * np.ones(count)
     return (
         np.r_[radius, corner],
         np.vstack([angle, np.hstack([arc, arc + np.pi / 2])]),
         np.vstack([area, np.hstack([share, share])]),
     )
+
+
+def _turns(count: int) -> Float[np.ndarray, "{count} 1"]:
+    """Places of the first direction at each radius, as shares of a step."""
+    return (np.arange(count) * _TURN + 0.5)[:, None] % 1
 
 
 def power_of(picture: Picture) -> "_Power":

@@ -33,10 +33,10 @@ from mishutter._core.modules import AbstractModule
 class Components(NamedTuple):
     """Components of velocities along some directions."""
 
-    # px/s, shape `(k, l)`, or `(1, l)` where they are alike along all directions
-    speeds: Float[Array | np.ndarray, "k l"]
-    # How often each occurs; of the same shape, the sum of each row is 1
-    weights: Float[Array | np.ndarray, "k l"]
+    # px/s, shape `(*k, l)`, or that of their first where they are alike along all directions
+    speeds: Float[Array | np.ndarray, "*k l"]
+    # How often each occurs; their sum along each direction is 1
+    weights: Float[Array | np.ndarray, "*#k l"]
 
 
 class Cells(NamedTuple):
@@ -45,6 +45,15 @@ class Cells(NamedTuple):
     # Width of each over half the range; shape `(m,)`, their sum is 2
     width: Float[np.ndarray, "m"]
     mass: Float[np.ndarray, "m"]  # Share of the velocities in it; shape `(m,)`
+
+
+_MIDDLE = np.full(1, 0.5)
+"""Share of a step at which components begin that are symmetric."""
+
+
+def _turns(num_speeds: int, first: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k l"]:
+    """Angles in equal steps over half a turn, of which each begins with a share of a step; rad."""
+    return np.pi / num_speeds * (np.arange(num_speeds) + np.asarray(first)[..., None])
 
 
 def _on_rings(radii: Float[np.ndarray, "r"]) -> tuple[np.ndarray, np.ndarray]:
@@ -58,10 +67,17 @@ class AbstractVelocities(AbstractModule):
     """A law of velocities in the plane of the picture."""
 
     @abstractmethod
-    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
-        """So many components, of a law that is no list, that stand for all of them in a mean.
+    def components(
+        self,
+        direction: Float[Array | np.ndarray, "*k"],
+        num_speeds: int,
+        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+    ) -> Components:
+        r"""So many components, of a law that is no list, that stand for all of them in a mean.
 
-        They are along directions by their angles from the axis of the rows; rad.
+        They are along directions by their angles from the axis of the rows; rad. Those of a range
+        are in its middle and $\cos\varphi$ times its half beside it, in equal steps of $\varphi$
+        from a share of one on, `first`.
         """
 
     @abstractmethod
@@ -118,8 +134,7 @@ class EvenVelocities(AbstractVelocities):
 
     Along the direction $\theta$ components are within
     $h = \sqrt{a^2\cos^2(\theta - \alpha) + b^2\sin^2(\theta - \alpha)}$ of that of the mean, and
-    those of $hu$ beside it have the density $\tfrac2\pi\sqrt{1 - u^2}$, which Gauss-Chebyshev nodes
-    of the second kind integrate.
+    those of $hu$ beside it have the density $\tfrac2\pi\sqrt{1 - u^2}$.
 
     Args:
         along: Half of the longer axis, $a$; px/s.
@@ -167,21 +182,24 @@ class EvenVelocities(AbstractVelocities):
             requirement = f"be at most along = {float(self.along):g} px/s"
             require(is_shorter, "EvenVelocities(across=...)", requirement, self.across)
 
-    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
-        step = np.pi / (num_speeds + 1)
-        turns = step * np.arange(1, num_speeds + 1)
+    def components(
+        self,
+        direction: Float[Array | np.ndarray, "*k"],
+        num_speeds: int,
+        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+    ) -> Components:
+        turns = _turns(num_speeds, first)
         along, across, angle = as_numpy(self.along, self.across, self.angle)
         space, dtype = namespace_of(along, direction), along.dtype
-        u = np.cos(turns).astype(dtype)[None]
-        weights = (2 * step / np.pi * np.sin(turns) ** 2).astype(dtype)[None]
+        u = np.cos(turns).astype(dtype)
+        weights = (2 / num_speeds * np.sin(turns) ** 2).astype(dtype)
         if self._is_disc and self._is_centred:
             return Components(along * u, weights)
         turn, (mean,) = direction.astype(dtype) - angle, as_numpy(self.mean)
         half = space.hypot(along * space.cos(turn), across * space.sin(turn))
         angles = direction.astype(dtype)
         middle = mean[0] * space.cos(angles) + mean[1] * space.sin(angles)
-        speeds = middle[:, None] + half[:, None] * u
-        return Components(speeds, np.tile(weights, (half.size, 1)))
+        return Components(middle[..., None] + half[..., None] * u, weights)
 
     @property
     def _is_centred(self) -> bool:
@@ -281,10 +299,15 @@ class RingOfVelocities(AbstractVelocities):
     def __check_init__(self) -> None:
         require_number("RingOfVelocities(speed=...)", self.speed, "above 0", strict=True)
 
-    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
+    def components(
+        self,
+        direction: Float[Array | np.ndarray, "*k"],
+        num_speeds: int,
+        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+    ) -> Components:
         (speed,) = as_numpy(self.speed)
-        u = np.cos(np.pi * (np.arange(num_speeds) + 0.5) / num_speeds).astype(speed.dtype)
-        return Components(speed * u[None], np.full((1, u.size), 1 / u.size, u.dtype))
+        u = np.cos(_turns(num_speeds, first)).astype(speed.dtype)
+        return Components(speed * u, np.full(u.shape, 1 / num_speeds, u.dtype))
 
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         return np.full(direction.shape, float(self.speed))
@@ -365,12 +388,17 @@ class ListedVelocities(AbstractVelocities):
             requirement = "hold one above 0 px/s"
             require(moves, "ListedVelocities(velocities=...)", requirement, 0.0)
 
-    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
+    def components(
+        self,
+        direction: Float[Array | np.ndarray, "*k"],
+        num_speeds: int,
+        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+    ) -> Components:
         velocities, weights = as_numpy(self.velocities, self.weights)
         space, angle = namespace_of(velocities, direction), direction.astype(velocities.dtype)
         units = space.stack([space.cos(angle), space.sin(angle)], axis=-1)
         speeds = units @ velocities.T
-        return Components(speeds, namespace_of(weights).broadcast_to(weights[None], speeds.shape))
+        return Components(speeds, namespace_of(weights).broadcast_to(weights, speeds.shape))
 
     @property
     def _occurring(self) -> Float[np.ndarray, "n 2"]:

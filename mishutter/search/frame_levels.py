@@ -21,17 +21,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from mishutter.evaluation.fans import GOLDEN, Fan, Grid
+from mishutter.evaluation.fans import Fan, Grid
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import Light, in_parts, psnr_of_error
+from mishutter.evaluation.levels import Light, components_on, in_parts, psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
-from mishutter.model.scene import Scene, power_on_grid, require_velocities
+from mishutter.model.scene import Scene, power_on_grid
 
 _NUM_FREQUENCIES, _NUM_LITERAL = 48, 256
 """Frequencies of a search, and of a level that is told."""
 _NUM_POWERS = 8192
 """Frequencies of an axis at which its power is known."""
+_GOLDEN = (5**0.5 - 1) / 2
+"""Share of a step by which speeds of a lattice follow each other, frequency by frequency."""
 _NUM_SPEEDS = 17
 """Speeds that stand for a range at each frequency."""
 _LEAST_RANGE = 5
@@ -109,14 +111,15 @@ class Levels(NamedTuple):
             unit: Directions of the axes.
             offset: Velocity of all of the camera beside the stage; px/s.
         """
-        fan, light = Fan.of(scene, grid, turned=True), Light.of(scene)
+        fan, light = Fan.of(scene, grid), Light.of(scene)
         turn = np.stack([np.cos(fan.direction), np.sin(fan.direction)], axis=-1)
         frequency = np.asarray(fan.radius[:, None, None] * turn, np.float64).reshape(-1, 2)
-        parts = require_velocities(scene).components(np.ravel(fan.direction), grid.num_speeds)
-        speeds, shares = (np.asarray(x, np.float64) for x in parts)
+        parts = components_on(scene, fan, grid.num_speeds)
+        each = (np.broadcast_to(x, (*fan.direction.shape, x.shape[-1])) for x in parts)
+        speeds, shares = (np.asarray(x, np.float64).reshape(len(frequency), -1) for x in each)
         temporal = np.hypot(*frequency.T)[:, None] * speeds - (frequency @ offset)[:, None]
         power = float(scene.picture.deviation) ** 2 * np.ravel(np.asarray(fan.weight))
-        weight = np.broadcast_to(power[:, None] * shares, temporal.shape)
+        weight = power[:, None] * shares
         signal = np.ravel(np.asarray(light.signal(fan), np.float64))
         return Levels(frequency @ unit.T, temporal, weight, signal, light)
 
@@ -303,7 +306,7 @@ def _sampled(
         return np.tile(speeds, (count, 1)), weights
     ends = np.concatenate([speeds[:1], (speeds[1:] + speeds[:-1]) / 2, speeds[-1:]])
     each = -(-_NUM_SPEEDS // speeds.size)
-    turns = np.arange(count) * GOLDEN % 1
+    turns = np.arange(count) * _GOLDEN % 1
     share = (np.arange(each) + turns[:, None]) / each
     places = ends[:-1, None] + np.diff(ends)[:, None] * share[:, None]
     return places.reshape(count, -1), np.repeat(weights / each, each)

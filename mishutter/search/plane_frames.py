@@ -241,7 +241,10 @@ class _PlaneSearch(NamedTuple):
         room = Room.of(self.scene.limits, self.times, self.law.fastest)
         top = float(self.scene.limits.max_top_speed) - float(np.hypot(*self.offset))
         room = room._replace(top_speed=min(room.top_speed, top), turns=False)
-        levels = Levels.in_plane(self.scene, SEARCHED, unit, self.offset)
+        # A single exposure exploits more of what a grid leaves out than several do together.
+        more = 2 if self.counts == [1] else 1
+        grid = SEARCHED._replace(num_radii=more * SEARCHED.num_radii)
+        levels = Levels.in_plane(self.scene, grid, unit, self.offset)
         return _Stage(self, unit, along, levels, room)
 
 
@@ -363,6 +366,7 @@ def grid_words() -> str:
     return (
         f"The search tries {ways}, and from the best of them a velocity and a place of its own for "
         f"each frame, over {radii} radii x {angles} directions x {speeds} velocities and {corner} "
-        f"radii of the corners; levels are over {finer}. One filter for all velocities is not "
-        "searched: it gains nothing there."
+        "radii of the corners, and twice the radii for one exposure alone; levels are over "
+        f"{finer}. A list of few velocities has the more directions. One filter for all velocities "
+        "is not searched: it gains nothing there."
     )

@@ -47,7 +47,7 @@ def test_a_circle_loses_nothing():
         for readout in (0.0, 0.018)
     )
     level = float(exposures_psnr(scene, circle))
-    assert float(exposures_psnr(rolling, circle)) == pytest.approx(level, abs=0.003)
+    assert float(exposures_psnr(rolling, circle)) == pytest.approx(level, abs=0.03)
 
 
 def test_registration_and_borders_are_those_of_the_rows():

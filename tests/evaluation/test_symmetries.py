@@ -131,8 +131,7 @@ def test_nothing_depends_on_the_side_that_is_looked_from(slug):
 
     def numbers(case, unit):
         scene, frames = case.scene, case.frames
-        level = float(exposures_psnr(scene, frames, grid=COARSE))
-        level = level, exposures_ceiling(scene, case.exposures, grid=COARSE)
+        level = float(exposures_psnr(scene, frames)), exposures_ceiling(scene, case.exposures)
         # The velocities that stand for a law lie otherwise, and rows take their time.
         if case.weights is None or case.readout:
             return np.array(level)
@@ -145,13 +144,14 @@ def test_nothing_depends_on_the_side_that_is_looked_from(slug):
     case = CASES[slug]
     own = numbers(case, 1.0)
     rounding = 1e-6 if slug == "list" else 1e-4
-    for other, unit in (
-        (case.in_time(8.0), 8.0),
-        (case.backwards(), 1.0),
-        (case.swapped(), 1.0),
-        (case.mirrored(), 1.0),
+    # A lattice of frequencies is another one for a picture that is turned.
+    for other, unit, most in (
+        (case.in_time(8.0), 8.0, rounding),
+        (case.backwards(), 1.0, rounding),
+        (case.swapped(), 1.0, 2e-3),
+        (case.mirrored(), 1.0, 2e-3),
     ):
-        np.testing.assert_allclose(numbers(other, unit), own, rtol=rounding)
+        np.testing.assert_allclose(numbers(other, unit), own, rtol=most)
 
 
 SPEEDS, WEIGHTS = np.array([-700.0, 1900.0, 150.0]), np.array([0.5, 0.1, 0.4])
