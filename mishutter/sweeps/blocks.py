@@ -145,8 +145,9 @@ class Engine:
             metrics.append(self._measured(prepared, block.frame, motions, sizes))
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            tell = partial(found, block, name=OPTIMISED)
-            boxes, best = _best_profiles(grid.search, scene, motions, profile, tell)
+            boxes, best = _best_profiles(
+                grid.search, scene, motions, profile, lambda points: found(block, points, OPTIMISED)
+            )
             arrays |= {name: _placed(values, inside) for name, values in best.items()}
             basis = self.bases[profile.symmetric]
             metrics.append(self._measured(basis, block.frame, motions, sizes, boxes))
@@ -220,7 +221,7 @@ def _best_profiles(
     scene: Scene,
     motions: ParabolicMotion,
     profile: SplineShutter,
-    found: Callable[..., None],
+    found: Callable[[int], None],
 ) -> tuple[Float[np.ndarray, "n c"], Arrays]:
     """Coordinates of the best profiles of a kind on some motions of a scene, and variables."""
     accelerations = np.asarray(motions.acceleration)
