@@ -13,7 +13,7 @@ from mishutter._core.checks import three_digits
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
 from mishutter.evaluation.losses import AbstractLoss
-from mishutter.evaluation.sequences import LONG, REGION
+from mishutter.evaluation.sequences import LONG, REGION, with_losses
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.exposures import Exposures
 from mishutter.model.limits import Limits
@@ -50,6 +50,7 @@ from mishutter.search.rivals import (
     taken_names,
 )
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Row, best_row
+from mishutter.search.sequences import level_on_sensor
 from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"
@@ -279,14 +280,14 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     motion = LinearMotion(half_exposure=limits.max_half_exposure, velocity=velocity)
     on_it = in_sensor_frame(replace(scene, limits=room, given_motion=None), motion)[0]
     row = snapshots(RivalSearch(on_it, loss))[0].judged_by(loss, on_it)
-    what, level = f"a snapshot of {row.exposures.lengths}", row.level
+    taken, level = row.exposures, row.level
     if choice.num_frames > 1:
         times = FrameTimes.of(scene, scene.burst or BurstMode(frames_per_s=PLAIN_RATE))
-        stills = StillBursts(on_it, at_worst=choice.at_worst).best_within(times)
-        if stills.psnr > level:
-            what = f"{stills.num_frames} frames of {three_digits(stills.exposure * 1e3)} ms"
-            level = stills.psnr
-    return _following(f"{velocity:,.4g}", what, level, choice)
+        stills = StillBursts(on_it, at_worst=choice.at_worst).best_sequence(times)
+        of_stills = level_on_sensor(with_losses(on_it, stills), at_worst=choice.at_worst)
+        if of_stills > level:
+            taken, level = stills, of_stills
+    return _following(f"{velocity:,.4g}", taken, level, choice)
 
 
 def on_pan_in_plane(scene: Scene, choice: Row) -> str:
@@ -297,9 +298,7 @@ def on_pan_in_plane(scene: Scene, choice: Row) -> str:
     if _moves(scene.limits) or not is_one_way:
         return ""
     burst = stills_on_pan(scene)
-    what = f"{burst.num_frames} frames" if burst.num_frames > 1 else "a snapshot"
-    what += f" of {burst.lengths}"
-    return _following(f"({x:,.4g}, {y:,.4g})", what, burst.level, choice)
+    return _following(f"({x:,.4g}, {y:,.4g})", burst, burst.level, choice)
 
 
 def _moves(limits: Limits) -> bool:
@@ -307,14 +306,15 @@ def _moves(limits: Limits) -> bool:
     return limits.moves or (limits.pans == "camera" and float(limits.max_pan) > 0)
 
 
-def _following(velocity: str, what: str, level: float, choice: Row) -> str:
+def _following(velocity: str, taken: Exposures, level: float, choice: Row) -> str:
     """The sentence on exposures that follow at a velocity, px/s; empty where they gain little."""
     if level - choice.level < _WORTH_A_PAN:
         return ""
+    what = f"{taken.num_frames} frames" if taken.num_frames > 1 else "a snapshot"
     return (
-        f"Following at {velocity} px/s, by turning the camera, a mirror or a stage, {what} "
-        f"would reach {level:.1f} dB, {level - choice.level:.1f} dB more (say [limits] pans = "
-        '"camera").'
+        f"Following at {velocity} px/s, by turning the camera, a mirror or a stage, {what} of "
+        f"{taken.lengths} would reach {level:.1f} dB, {level - choice.level:.1f} dB more (say "
+        '[limits] pans = "camera").'
     )
 
 

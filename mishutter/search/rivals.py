@@ -19,7 +19,6 @@ from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.metrics import SequenceMetrics, evaluate
-from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
 from mishutter.evaluation.views import transmittance
 from mishutter.model.exposures import Exposures
@@ -31,7 +30,6 @@ from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.shutters.windows import RectShutter, TukeyShutter
 from mishutter.search.moving_frames import ONE_PARABOLA
-from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
@@ -243,9 +241,8 @@ def _unaccelerated(scene: Scene) -> AbstractMotion:
 
 def snapshots(search: RivalSearch) -> list[Row]:
     """Searches for the best snapshots: at rest and, where the limits allow a pan, panned."""
-    scene, still = search.scene, _camera_at_rest(search.scene)
-    settings = SearchSettings(search.loss, _roomy_plan(scene, still, search.loss))
-    at_rest = best_design(Start(scene, still, RectShutter()), settings)
+    scene = search.scene
+    at_rest = search.best(_camera_at_rest(scene), RectShutter())
     designs = {BEST_SNAPSHOT: at_rest}
     if float(scene.limits.max_pan) > 0:
         pan = _unaccelerated(scene)
@@ -253,27 +250,6 @@ def snapshots(search: RivalSearch) -> list[Row]:
         is_still = float(pan.velocity) == 0
         designs[BEST_PANNED_SNAPSHOT] = at_rest if is_still else search.best(pan, RectShutter())
     return [_row(name, design) for name, design in designs.items()]
-
-
-def _roomy_plan(scene: Scene, still: AbstractMotion, loss: AbstractLoss) -> Plan:
-    """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
-    shutter = RectShutter()
-    plan = plan_of_scene(scene, still, shutter, loss=loss, free="half_exposure").sizes
-    start = scene.motion
-    if start.is_straight:
-        return plan
-    free = free_by_default(scene, start, shutter)
-    moving = plan_of_scene(scene, start, shutter, loss=loss, free=free).sizes
-    finer = max(plan, moving, key=lambda each: each.num_frequencies)
-    return replace(
-        plan,
-        num_taps=max(plan.num_taps, moving.num_taps),
-        dft_length=max(plan.dft_length, moving.dft_length),
-        num_nodes=max(plan.num_nodes, moving.num_nodes),
-        num_frequencies=finer.num_frequencies,
-        num_kept=finer.num_kept,
-        folds=plan.folds and moving.folds,
-    )
 
 
 def _coded_stills(search: RivalSearch) -> list[Row]:
