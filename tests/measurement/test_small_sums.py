@@ -16,6 +16,7 @@ from mishutter.measurement.motion import (
     _leap,
     _object,
     _track,
+    _unlike_rest,
     read_in_turn,
 )
 from mishutter.measurement.noise import _black_of, _gain_of, _of_one_dark, _others, _read_of
@@ -604,3 +605,16 @@ def test_the_narrowest_object_is_that_along_the_axis(second, along):
         labels[50:94, 10:35] = second
     motion = Motion((), labels, np.ones(labels.shape), 0, 0.5, 0.0, (61.0, 47.0), 8)
     assert (_narrowest(motion, "rows"), _narrowest(motion, "columns")) == along
+
+
+def test_what_is_like_the_rest_that_it_covers_is_no_object():
+    """Five pixels about one of 12 x 14 px, which hides what is behind it in half of the frames."""
+    frames = np.full((5, 48, 90), 20.0, np.float32)
+    for k in range(5):
+        frames[k, 18:30, 20 + 9 * k : 34 + 9 * k] += 10
+    seen = np.zeros((48, 90), bool)
+    seen[13:35, 33:57] = True
+    fine = Smoothed.of(frames, np.arange(5.0), 1.0)
+    own = _unlike_rest(fine, 2, np.array([0.0, 9.0]), seen, range(5))
+    assert own[18:30, 38:52].all()
+    assert own.sum() == pytest.approx(15 * 17, rel=0.15)
