@@ -74,16 +74,6 @@ class PlaneSearch:
     bursts: tuple[Exposures, ...]
     ceiling: float
 
-    @property
-    def simplest(self) -> tuple[Exposures, ...]:
-        """For each number of axes of a stage, the simplest frames within 0.05 dB of the best."""
-        chosen = []
-        for axes in sorted({burst.num_axes for burst in self.bursts}):
-            group = [burst for burst in self.bursts if burst.num_axes == axes]
-            most = max(burst.level for burst in group)
-            chosen.append(next(burst for burst in group if burst.level >= most - _AS_GOOD))
-        return tuple(chosen)
-
 
 @outside_trace()
 @alone_in_blas()

@@ -31,7 +31,7 @@ from mishutter.measurement.photon_transfer import (
     rough_law,
     transfer_of,
 )
-from mishutter.measurement.scene import _quantile, along_axis
+from mishutter.measurement.scene import _narrowest, _quantile, along_axis
 from mishutter.measurement.signs import _correlates, signs_of, too_narrow
 from mishutter.measurement.signs import _leap as _leap_of_variance
 from mishutter.measurement.steady import (
@@ -592,3 +592,15 @@ def test_noise_of_two_fifths_of_a_step_exceeds_it(deviation, exceeds):
         law.exceeds_steps(np.array([90.0, 100.0, 200.0]), 3.0)[1:], [exceeds, True]
     )
     assert not law.exceeds_steps(np.array([90.0]), 3.0)[0]
+
+
+@pytest.mark.parametrize(("second", "along"), [(None, (50, 30)), (3, (25, 30)), (0, (61, 47))])
+def test_the_narrowest_object_is_that_along_the_axis(second, along):
+    """Of 30 by 50 px and of 44 by 25; without any the mean of what moves."""
+    labels = np.full((100, 90), -1)
+    if second != 0:
+        labels[10:40, 20:70] = 1
+    if second:
+        labels[50:94, 10:35] = second
+    motion = Motion((), labels, np.ones(labels.shape), 0, 0.5, 0.0, (61.0, 47.0), 8)
+    assert (_narrowest(motion, "rows"), _narrowest(motion, "columns")) == along
