@@ -155,7 +155,7 @@ def _is_snapshot(row: Row) -> bool:
 def _path(row: Row) -> str:
     """The path of a single exposure."""
     if row.is_straight:
-        return f"on a pan of {float(row.motion.velocity):.0f} px/s" if row.pans else "at rest"
+        return f"on a pan of {row.pan_words} px/s" if row.pans else "at rest"
     return "on a free path" if row.is_free else "on a parabola"
 
 
@@ -496,7 +496,8 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
 def _camera_words(scene: Scene, choice: Row) -> list[str]:
     """The assumptions on the time for frames, on the stage, and on the sensor."""
     limits, width, frames = scene.limits, scene.sensor.width, choice.num_frames > 1
-    said = [f"frames within {1e3 * window_of(scene):,.4g} ms"] if frames else []
+    window = 1e3 * window_of(scene)
+    said = [f"frames within {window:,.{4 if window < 1e4 else 9}g} ms"] if frames else []
     if STAGE in choice.required_hardware:
         stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
         said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")

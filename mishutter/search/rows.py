@@ -185,6 +185,12 @@ class Row:
             return False
         return abs(float(self.motion.velocity)) * float(self.motion.exposure) >= STANDS_STILL
 
+    @property
+    def pan_words(self) -> str:
+        """The velocity of one exposure at its middle; px/s."""
+        velocity = float(self.motion.velocity)
+        return f"{velocity:.0f}" if abs(velocity) >= 100 else f"{velocity:.3g}"
+
     @cached_property
     def kind(self) -> tuple[bool, bool]:
         """Whether the sensor follows another path than a parabola, and whether a shutter is made.
@@ -272,7 +278,7 @@ class Row:
         motion = self.motion
         parts = [f"{three_digits(float(motion.exposure) * 1e3)} ms"]
         if self.pans:
-            parts.append(f"pan {float(motion.velocity):.0f} px/s")
+            parts.append(f"pan {self.pan_words} px/s")
         if float(motion.sag) >= STANDS_STILL:
             parts.append(f"stroke {self.stroke:.3g} px")
         return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])

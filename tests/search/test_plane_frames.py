@@ -358,6 +358,21 @@ def test_a_camera_that_turns_leaves_its_stage_where_it_is():
     assert len(Report(a_scene(), answer, ()).plot().axes) == 1
 
 
+def test_a_camera_turns_where_that_pays():
+    """Frames at rest stand beside its own, and are taken where a slow pan gains too little."""
+    limits = Limits(max_stroke=0.0, max_half_exposure=0.01, pans="camera")
+    burst = BurstMode(frames_per_s=40.0, window=0.12, max_frames=4)
+    parts = {"photon_rate": 5e4, "read_noise": 4.0, "limits": limits, "burst": burst}
+    turned = ("registration", "turning camera")
+    for law, needs in (
+        (EvenVelocities(300.0, mean=(40.0, 0.0)), turned[:1]),
+        (EvenVelocities(200.0, mean=(900.0, -400.0)), turned),
+    ):
+        answer = compare_in_plane(Scene.any_direction(law, **parts))
+        assert answer.choice.needs == needs
+        assert {turned[:1], turned} <= {row.needs for row in answer.rows}
+
+
 @pytest.mark.parametrize(("travel", "said"), [(24.49, "25 px"), (241.0, "250 px"), (0.5, "0.5 px")])
 def test_a_travel_is_rounded_up(travel, said):
     """A stage that follows what is said follows the path."""
