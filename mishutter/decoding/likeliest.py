@@ -70,9 +70,9 @@ class AbstractRolledFrame(ABC):
     def told(self, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
         """The adjoint: half of the DFT of what a frame tells of the picture."""
 
-    @abstractmethod
     def rows(self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]) -> np.ndarray:
-        """Traces of some waves of half of the DFT: at the head of each row, or in each pixel."""
+        """Traces of some waves of half of the DFT at the head of each row, without a matrix."""
+        raise NotImplementedError
 
     @property
     @abstractmethod

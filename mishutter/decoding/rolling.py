@@ -273,11 +273,6 @@ class LineInTurn(AbstractRolledFrame):
     def told(self, frame: Float[np.ndarray, "... rows pixels"]) -> Complex[np.ndarray, "s rows k"]:
         return frame @ self.matrix.conj()
 
-    def rows(
-        self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]
-    ) -> Complex[np.ndarray, "s pixels w"]:
-        return self._matrix[..., across]
-
     @property
     def power(self) -> Float[np.ndarray, "s 1 k"]:
         return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)

@@ -2,7 +2,7 @@
 
 import json
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
@@ -366,7 +366,9 @@ class PlaneDesign(AbstractDesign):
             saved.lead_s,
         )
         taken = scene, saved.kind, frames, saved.psnr_db
-        return PlaneDesign(scene, exposures_in_plane(*taken, width_loss=saved.width_loss_db))
+        sequence = exposures_in_plane(*taken, width_loss=saved.width_loss_db)
+        of_stills = saved.registration_loss_db
+        return PlaneDesign(scene, replace(sequence, registration_loss=of_stills))
 
 
 def given_design(
@@ -425,12 +427,14 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, object]:
 def frames_to_dict(burst: Exposures) -> dict[str, object]:
     """Kind, level and frames of a burst; on an axis the places are of the stage."""
     frames = burst.frames
+    each = {"registration_loss_db": burst.registration_loss, "width_loss_db": burst.width_loss}
+    losses = {name: loss for name, loss in each.items() if loss is not None}
     if isinstance(frames, FramePath):
         return {
             "kind": burst.kind,
             "num_axes": burst.num_axes,
             "psnr_db": burst.psnr,
-            "width_loss_db": burst.width_loss,
+            **losses,
             "times_s": np.asarray(frames.times).tolist(),
             "exposures_s": np.asarray(frames.exposures).tolist(),
             "piece_durations_s": np.asarray(frames.durations).tolist(),
@@ -446,13 +450,8 @@ def frames_to_dict(burst: Exposures) -> dict[str, object]:
         for frame in frames
     ]
     levels = {"psnr_db": burst.psnr, "worst_speed_psnr_db": burst.worst_psnr}
-    losses = {
-        "registration_loss_db": burst.registration_loss,
-        "width_loss_db": burst.width_loss,
-    }
-    known = {name: loss for name, loss in losses.items() if loss is not None}
     ways = {"travel_px": burst.travel, "pan_px_per_s": burst.pan}
-    return {"kind": burst.kind, **ways, **levels, **known, "frames": along}
+    return {"kind": burst.kind, **ways, **levels, **losses, "frames": along}
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:

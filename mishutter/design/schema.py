@@ -89,6 +89,7 @@ class SavedPlaneBurst(Part):
     kind: str
     num_axes: Annotated[int, Field(ge=0, le=2)]
     psnr_db: Result
+    registration_loss_db: float | None = None
     width_loss_db: float | None = None
     times_s: Annotated[list[float], Field(min_length=1)]
     exposures_s: Annotated[list[float], Field(min_length=1)]

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Array
 
+from mishutter._core.checks import three_digits
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
 from mishutter.evaluation.losses import AbstractLoss
-from mishutter.evaluation.sequences import LONG, REGION
+from mishutter.evaluation.sequences import LONG, REGION, with_losses
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.exposures import Exposures
 from mishutter.model.limits import Limits
@@ -37,6 +38,7 @@ from mishutter.search.frame_ties import (
     SWINGS,
     TWO_SINES,
 )
+from mishutter.search.frame_words import flights_back
 from mishutter.search.moving_frames import loss_untold
 from mishutter.search.plane_frames import stills_on_pan
 from mishutter.search.rivals import (
@@ -48,6 +50,7 @@ from mishutter.search.rivals import (
     taken_names,
 )
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Row, best_row
+from mishutter.search.sequences import level_on_sensor
 from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"
@@ -152,7 +155,7 @@ def _is_snapshot(row: Row) -> bool:
 def _path(row: Row) -> str:
     """The path of a single exposure."""
     if row.is_straight:
-        return f"on a pan of {float(row.motion.velocity):.0f} px/s" if row.pans else "at rest"
+        return f"on a pan of {row.pan_words} px/s" if row.pans else "at rest"
     return "on a free path" if row.is_free else "on a parabola"
 
 
@@ -165,13 +168,8 @@ def _way_of_frames(frames: Exposures, *, short: bool = False) -> str:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
     travel = _at_most(frames.travel) if frames.in_plane else frames.travel
-    way = _WAYS.get(frames.kind, _ANY_WAY)[1].format(way=f"{_three_digits(travel)} px")
+    way = _WAYS.get(frames.kind, _ANY_WAY)[1].format(way=f"{three_digits(travel)} px")
     return f" while the stage {way}"
-
-
-def _three_digits(value: float) -> str:
-    """A number in words, without an exponent: 1,330."""
-    return f"{float(f'{value:.3g}'):,g}"
 
 
 def _at_most(value: float) -> float:
@@ -222,7 +220,7 @@ def _order(row: Row, limits: Limits) -> str:
         return f"{_counted(frames)}{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
-    size = "" if row.is_straight else f" of {_three_digits(row.stroke)} px"
+    size = "" if row.is_straight else f" of {three_digits(row.stroke)} px"
     if SHUTTER not in row.required_hardware:
         path = f" while the stage follows {_path(row)[3:]}" if size else f" {_path(row)}"
         return f"{name}one exposure{path}{size}"
@@ -282,14 +280,14 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     motion = LinearMotion(half_exposure=limits.max_half_exposure, velocity=velocity)
     on_it = in_sensor_frame(replace(scene, limits=room, given_motion=None), motion)[0]
     row = snapshots(RivalSearch(on_it, loss))[0].judged_by(loss, on_it)
-    what, level = f"a snapshot of {row.exposures.lengths}", row.level
+    taken, level = row.exposures, row.level
     if choice.num_frames > 1:
         times = FrameTimes.of(scene, scene.burst or BurstMode(frames_per_s=PLAIN_RATE))
-        stills = StillBursts(on_it, at_worst=choice.at_worst).best_within(times)
-        if stills.psnr > level:
-            what = f"{stills.num_frames} frames of {stills.exposure * 1e3:.3g} ms"
-            level = stills.psnr
-    return _following(f"{velocity:,.4g}", what, level, choice)
+        stills = StillBursts(on_it, at_worst=choice.at_worst).best_sequence(times)
+        of_stills = level_on_sensor(with_losses(on_it, stills), at_worst=choice.at_worst)
+        if of_stills > level:
+            taken, level = stills, of_stills
+    return _following(f"{velocity:,.4g}", taken, level, choice)
 
 
 def on_pan_in_plane(scene: Scene, choice: Row) -> str:
@@ -300,9 +298,7 @@ def on_pan_in_plane(scene: Scene, choice: Row) -> str:
     if _moves(scene.limits) or not is_one_way:
         return ""
     burst = stills_on_pan(scene)
-    what = f"{burst.num_frames} frames" if burst.num_frames > 1 else "a snapshot"
-    what += f" of {burst.lengths}"
-    return _following(f"({x:,.4g}, {y:,.4g})", what, burst.level, choice)
+    return _following(f"({x:,.4g}, {y:,.4g})", burst, burst.level, choice)
 
 
 def _moves(limits: Limits) -> bool:
@@ -310,14 +306,15 @@ def _moves(limits: Limits) -> bool:
     return limits.moves or (limits.pans == "camera" and float(limits.max_pan) > 0)
 
 
-def _following(velocity: str, what: str, level: float, choice: Row) -> str:
+def _following(velocity: str, taken: Exposures, level: float, choice: Row) -> str:
     """The sentence on exposures that follow at a velocity, px/s; empty where they gain little."""
     if level - choice.level < _WORTH_A_PAN:
         return ""
+    what = f"{taken.num_frames} frames" if taken.num_frames > 1 else "a snapshot"
     return (
-        f"Following at {velocity} px/s, by turning the camera, a mirror or a stage, {what} "
-        f"would reach {level:.1f} dB, {level - choice.level:.1f} dB more (say [limits] pans = "
-        '"camera").'
+        f"Following at {velocity} px/s, by turning the camera, a mirror or a stage, {what} of "
+        f"{taken.lengths} would reach {level:.1f} dB, {level - choice.level:.1f} dB more (say "
+        '[limits] pans = "camera").'
     )
 
 
@@ -382,8 +379,8 @@ def _speeds(frames: Exposures) -> str:
 
 
 def _turns(frames: Exposures) -> str:
-    """How often the stage flies back between frames."""
-    count = frames.num_frames - frames.num_rests - 1
+    """How often the stage flies back between frames, in words."""
+    count = flights_back(frames)
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
@@ -391,14 +388,14 @@ def _stage_numbers(
     travel: float, top_speed: float, acceleration: float, pitch: Array | None
 ) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
-    words = f"{_three_digits(travel)} px at up to {_three_digits(top_speed)} px/s"
+    words = f"{three_digits(travel)} px at up to {three_digits(top_speed)} px/s"
     if pitch is None:
         rate = f"{float(f'{acceleration:.2g}'):,g} px/s^2"
         return f"{words} and {rate}" if acceleration else words
     p = float(pitch)  # m
     physical = [
-        f"{_three_digits(travel * p * 1e6)} um",
-        f"{_three_digits(top_speed * p * 1e3)} mm/s",
+        f"{three_digits(travel * p * 1e6)} um",
+        f"{three_digits(top_speed * p * 1e3)} mm/s",
     ]
     # A velocity that is reached at once has no acceleration.
     physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
@@ -499,7 +496,8 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
 def _camera_words(scene: Scene, choice: Row) -> list[str]:
     """The assumptions on the time for frames, on the stage, and on the sensor."""
     limits, width, frames = scene.limits, scene.sensor.width, choice.num_frames > 1
-    said = [f"frames within {1e3 * window_of(scene):,.4g} ms"] if frames else []
+    window = 1e3 * window_of(scene)
+    said = [f"frames within {window:,.{4 if window < 1e4 else 9}g} ms"] if frames else []
     if STAGE in choice.required_hardware:
         stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
         said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")

@@ -19,7 +19,6 @@ from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.metrics import SequenceMetrics, evaluate
-from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
 from mishutter.evaluation.views import transmittance
 from mishutter.model.exposures import Exposures
@@ -31,7 +30,6 @@ from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.shutters.windows import RectShutter, TukeyShutter
 from mishutter.search.moving_frames import ONE_PARABOLA
-from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
@@ -42,6 +40,7 @@ from mishutter.search.rows import (
     SHUTTER,
     SNAPSHOTS,
     STAGE,
+    STANDS_STILL,
     WORTH_IT,
     Row,
     choice_of,
@@ -61,6 +60,7 @@ BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
 BEST_STILL_BURST = "best still burst"
 BEST_MOVING_BURST = "best moving burst"
+BEST_TURNED_BURST = "best moving burst without a stage"
 PLAIN_RATE = 30.0
 """Frame rate that every camera has; 1/s."""
 PLAIN_STILLS = f"stills at {PLAIN_RATE:.0f} frames/s"
@@ -241,9 +241,8 @@ def _unaccelerated(scene: Scene) -> AbstractMotion:
 
 def snapshots(search: RivalSearch) -> list[Row]:
     """Searches for the best snapshots: at rest and, where the limits allow a pan, panned."""
-    scene, still = search.scene, _camera_at_rest(search.scene)
-    settings = SearchSettings(search.loss, _roomy_plan(scene, still, search.loss))
-    at_rest = best_design(Start(scene, still, RectShutter()), settings)
+    scene = search.scene
+    at_rest = search.best(_camera_at_rest(scene), RectShutter())
     designs = {BEST_SNAPSHOT: at_rest}
     if float(scene.limits.max_pan) > 0:
         pan = _unaccelerated(scene)
@@ -251,27 +250,6 @@ def snapshots(search: RivalSearch) -> list[Row]:
         is_still = float(pan.velocity) == 0
         designs[BEST_PANNED_SNAPSHOT] = at_rest if is_still else search.best(pan, RectShutter())
     return [_row(name, design) for name, design in designs.items()]
-
-
-def _roomy_plan(scene: Scene, still: AbstractMotion, loss: AbstractLoss) -> Plan:
-    """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
-    shutter = RectShutter()
-    plan = plan_of_scene(scene, still, shutter, loss=loss, free="half_exposure").sizes
-    start = scene.motion
-    if start.is_straight:
-        return plan
-    free = free_by_default(scene, start, shutter)
-    moving = plan_of_scene(scene, start, shutter, loss=loss, free=free).sizes
-    finer = max(plan, moving, key=lambda each: each.num_frequencies)
-    return replace(
-        plan,
-        num_taps=max(plan.num_taps, moving.num_taps),
-        dft_length=max(plan.dft_length, moving.dft_length),
-        num_nodes=max(plan.num_nodes, moving.num_nodes),
-        num_frequencies=finer.num_frequencies,
-        num_kept=finer.num_kept,
-        folds=plan.folds and moving.folds,
-    )
 
 
 def _coded_stills(search: RivalSearch) -> list[Row]:
@@ -310,10 +288,14 @@ def _bursts(search: RivalSearch) -> list[Row]:
 
 
 def rows_of_bursts(still: Exposures, *moving: Exposures) -> list[Row]:
-    """The rows of the burst at rest, and of the best of those that move."""
+    """The rows of the burst at rest, of the best that moves, and of one without its stage."""
     found = {BEST_STILL_BURST: still}
     if moving:
-        found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)
+        found[BEST_MOVING_BURST] = best = max(moving, key=level_on_sensor)
+        # A camera that turns may do without the stage of the best.
+        alone = [x for x in moving if x.num_frames > 1 and x.stroke < STANDS_STILL <= best.stroke]
+        if alone:
+            found[BEST_TURNED_BURST] = max(alone, key=level_on_sensor)
     # One frame is no burst: it has rows of its own.
     return [_row_of_burst(name, each) for name, each in found.items() if each.num_frames > 1]
 
@@ -352,7 +334,7 @@ RIVALS = (
         is_asked=lambda search: not (search.frames_alone or search.scene.sensor.is_rolling),
     ),
     Rival(
-        (BEST_STILL_BURST, BEST_MOVING_BURST),
+        (BEST_STILL_BURST, BEST_TURNED_BURST, BEST_MOVING_BURST),
         frozenset({STAGE, FRAMES}),
         _bursts,
         is_asked=lambda search: search.scene.burst is not None,

@@ -490,6 +490,19 @@ def test_things_that_all_move_one_way_are_told_of_a_pan():
     assert on_pan(BELT, near, ExpectedErrorLoss()) == ""
 
 
+@pytest.mark.slow
+def test_frames_on_a_pan_lose_by_borders_as_others_do():
+    """Objects of few pixels enter and leave frames that follow their mean: a snapshot is better."""
+    burst = of_bursts({BEST_STILL_BURST: 12.0})[0]
+    scene = replace(BELT, burst=BurstMode(frames_per_s=60.0, max_frames=4))
+    wide, narrow = (
+        on_pan(replace(scene, objects=objects), burst, ExpectedErrorLoss())
+        for objects in (None, Objects(width=31.0))
+    )
+    assert "a stage, 2 frames of 3.33 ms would reach 33.6 dB" in wide
+    assert "a stage, a snapshot of 8.62 ms would reach 33.5 dB" in narrow
+
+
 def test_no_pan_is_told_of_where_one_is_there_or_would_not_help():
     """A stage, a camera that turns, things that move both ways, and a background at rest."""
     at_rest = made_up({BEST_SNAPSHOT: 12.0})[0]
