@@ -28,7 +28,7 @@ from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_rows import RowLevels, errors_by_rows
-from mishutter.search.frame_search import Descent, End, Search, within
+from mishutter.search.frame_search import Descent, End, Search, shaken, within
 from mishutter.search.frame_ties import (
     ALTERNATING,
     BRACKETED,
@@ -56,8 +56,8 @@ _MOST = 64
 """Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
-_STARTS_BY_ROWS = 3
-"""Of these those from which the level by rows is climbed."""
+_STARTS_BY_ROWS = 5
+"""Of these those near which descents of the level by rows begin."""
 
 
 @outside_trace()
@@ -186,8 +186,8 @@ def _is_judged_on_sensor(scene: Scene) -> bool:
 
 
 def _by_rows(scene: Scene, found: list[_Found], search: Search) -> list[_Found]:
-    """Ends of descents of the level by rows, from the best by it."""
-    readout, ends = scene.sensor.readout_time, []
+    """Ends of descents of the level by rows, from near the best by it."""
+    readout, draw, ends = scene.sensor.readout_time, np.random.default_rng(1), []
     free = [
         each for each in found if each.sequence.moves and each.frames.exposure.size <= MOST_FREE
     ]
@@ -196,7 +196,7 @@ def _by_rows(scene: Scene, found: list[_Found], search: Search) -> list[_Found]:
         goes_on = each.sequence.for_rows(readout, scene.limits).along.lead > 0
         rows = RowLevels(search.levels, search.room, readout, goes_on)
         descent = Descent(search.levels, search.room, Shape(count, knots - 1, axes), rows)
-        ends.append(descent.free(each.frames))
+        ends.append(descent.free(shaken(each.frames, draw, search.room, 0.01)))
     judged = (_Found.of(scene, end) for end in ends if end is not None)
     return [each.on_sensor(scene) for each in judged if each is not None]
 

@@ -110,7 +110,9 @@ def test_rows_that_are_read_at_once_are_all_alike():
 
 def test_a_search_by_rows_gains_and_keeps_the_limits(monkeypatch):
     """It climbs on from the ends of a global shutter, and is never below the best of them."""
-    limits = Limits(max_stroke=60.0, max_travel=100.0, max_acceleration=4e5, max_half_exposure=0.04)
+    limits = Limits(
+        max_stroke=60.0, max_travel=100.0, max_acceleration=4e5, max_half_exposure=1 / 30
+    )
     burst = BurstMode(frames_per_s=30.0, max_frames=2, window=1 / 15)
     light = {"photon_rate": 3e4, "read_noise": 4.0, "sensor": Sensor(readout=0.033)}
     scene = Scene([-1500.0, 200.0, 1300.0], [0.4, 0.3, 0.3], limits=limits, burst=burst, **light)
