@@ -270,6 +270,11 @@ def shown(value: object) -> str:
     return f"{array.size} of {low}" if low == high else f"{array.size} from {low} to {high}"
 
 
+def three_digits(value: float) -> str:
+    """A number in words, without an exponent: 1,330."""
+    return f"{float(f'{value:.3g}'):,.15g}"
+
+
 def own_message(error: BaseException) -> str:
     """The message of an error; that of an `eqx.error_if` stands amid a stack and advice."""
     return str(error).rsplit("EquinoxRuntimeError: ", 1)[-1].split("\n\n---", 1)[0]

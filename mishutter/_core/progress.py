@@ -48,7 +48,8 @@ class Counter:
         """Records what is done; the first call counts what an earlier run did."""
         with self._lock:
             self._moved(done)
-            self._message = message
+            if message != self._message:
+                self._message, self._last = message, time.monotonic()
 
     def began(self, name: str) -> None:
         """Records that a part has begun."""

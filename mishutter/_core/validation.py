@@ -119,7 +119,7 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
         or _close(key, places, cutoff=0.9)
         or _close(key, siblings, cutoff=0.6)
     )
-    of_table = ", ".join(p[-1] for p in siblings) if 1 < len(siblings) <= 10 else ""
+    of_table = ", ".join(p[-1] for p in siblings) if 1 < len(siblings) <= 10 or not tables else ""
     every = f" ({of_table})" if of_table else ""
     hint = f", perhaps `{key_name(nearest[0])}`" if nearest else every
     where = f"`{key_name(tuple(tables))}`" if tables else "the file"

@@ -50,24 +50,22 @@ from mishutter.pictures.images import Picture, pixels_along, transposed
 
 
 def responses_of_frames(
-    instants: Instants, speeds: RowLike, optics: Optics, period: int, bin: int = 1
+    instants: Instants, speeds: RowLike, optics: Optics, period: int
 ) -> Complex[np.ndarray, "s frames k"]:
     r"""Responses of the frames at some speeds, on the grid of a DFT, displacements included.
 
     $\operatorname{sinc}(f)\,O(f)\,\frac{1}{2T_k}\int e^{-2\pi i f (c_k(t) - s t)}\,dt$ over the
-    exposure of frame $k$; where means of some neighbouring pixels are taken, of these, and below
-    their frequency of sampling.
+    exposure of frame $k$.
     """
     each = np.asarray(speeds, np.float64)[:, None]
-    count = period // bin // 2 + 1
+    count = period // 2 + 1
     waves = [
         waves_on_dft(place - each * time, weight[None], period, count)
         for time, place, weight in zip(
             instants.time, instants.place[0], instants.weight, strict=True
         )
     ]
-    frequency = np.arange(count) / period
-    aperture = np.sinc(bin * frequency) * optics.response(period)[:count]
+    aperture = np.sinc(np.arange(count) / period) * optics.response(period)
     return np.stack([np.asarray(one) for one in waves], axis=1) * aperture
 
 

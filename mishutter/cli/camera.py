@@ -325,15 +325,22 @@ def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
     from mishutter.decoding.frame_velocity import VelocityEstimate
 
     if isinstance(estimate, VelocityEstimate):
-        x, y = estimate.velocity
-        value, error = f"{x:,.0f}, {y:,.0f}", _error_words(estimate.error)
+        speeds = estimate.velocity.tolist()
     elif estimate.tells_nothing:
         return "none", "restored for all speeds of the scene"
     else:
-        value, error = f"{estimate.speed:,.0f}", _error_words(estimate.error)
-    value += f" {error}" if estimate.error > 0 else ", as told"
+        speeds = [estimate.speed]
+    error = estimate.error
+    value = ", ".join(_speed_words(float(speed), error) for speed in speeds)
+    value += f" {_error_words(error)}" if error > 0 else ", as told"
     instead = "for this speed anyway" if in_burst else "for all likely speeds"
     return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
+
+
+def _speed_words(speed: float, error: float) -> str:
+    """A speed, px/s: whole where it is fast, or no better known."""
+    is_whole = error >= 1 or abs(speed) >= 1e3
+    return f"{speed:,.0f}" if is_whole else f"{round(speed, 6) + 0.0:,.4g}"
 
 
 def _error_words(error: float) -> str:

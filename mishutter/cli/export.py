@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter._core.checks import Unquoted, require
+from mishutter._core.checks import Unquoted, require, three_digits
 from mishutter._core.files import writable_folder, write_text
 from mishutter._core.progress import note, working
 from mishutter.cli.console import print_table, start_jax, write_json
@@ -273,7 +273,7 @@ def _print_frames(table: "FrameTable") -> None:
     """Prints when frames are exposed, and where the sensor or its stage is then."""
     taken = table.sequence
     rows = [
-        [str(k), f"{time * 1e3:.2f}", f"{exposure * 1e3:.3g}", *(f"{x:.2f}" for x in places)]
+        [str(k), f"{time * 1e3:.2f}", three_digits(exposure * 1e3), *(f"{x:.2f}" for x in places)]
         for k, (time, exposure, *places) in enumerate(
             zip(taken.times, taken.exposures, *table.places.values(), strict=True), 1
         )

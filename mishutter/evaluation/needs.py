@@ -148,7 +148,7 @@ class Plan:
 
 
 def distinct_speeds(
-    scene: Scene, *, folds: bool, velocity: float = 0.0
+    scene: Scene, *, folds: bool
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
     """Speeds that occur, each once, ascending, px/s, with their weights.
 
@@ -156,7 +156,7 @@ def distinct_speeds(
     has such speeds.
     """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
-    speeds, weights = speeds[weights > 0] - velocity, weights[weights > 0]
+    speeds, weights = speeds[weights > 0], weights[weights > 0]
     values = np.abs(speeds) if folds else speeds
     order = np.argsort(values, kind="stable")
     values, weights = values[order], weights[order]
@@ -207,12 +207,12 @@ def occurring_speeds(scene: Scene) -> Float[np.ndarray, "n"]:
 
 
 def num_frequencies(
-    scene: Scene, spread: Float[np.ndarray, "*shape"] | float, velocity: float = 0.0
+    scene: Scene, spread: Float[np.ndarray, "*shape"] | float
 ) -> Int[np.ndarray, "*shape"]:
     """Number of frequencies whose mean is the expected error to 0.01 dB."""
     num_speeds = scene.speeds.size
     if scene.speeds_known:
-        num_speeds = distinct_speeds(scene, folds=True, velocity=velocity)[0].size
+        num_speeds = distinct_speeds(scene, folds=True)[0].size
     least, per_px, most = (x / num_speeds**2 for x in _OF_ONE_SPEED)
     spread = np.ceil(np.asarray(spread) * (1 - 1e-9))  # whole pixels, whatever its rounding
     fundamental = _FREQUENCIES_PER_PX * np.maximum(spread, longest_within_limits(scene))

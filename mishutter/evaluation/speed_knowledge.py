@@ -48,7 +48,6 @@ class SpeedKnowledge:
     level_words: str  # The decoder of a level, below a table
     worst_words: str  # The level at the worst speed, below a table
     aside: str  # What stands behind the name of a quantity that such a decoder gives
-    verb: str | None  # What it does with the speed, in a sentence; None if it does nothing with it
 
     def judge(self, scene: Scene) -> str:
         """Name of the metric that judges designs for a scene, within its tolerances if it can."""
@@ -188,7 +187,6 @@ UNKNOWN_SPEED = SpeedKnowledge(
     level_words="one linear filter for all speeds",
     worst_words="at the worst of the speeds, of one linear filter for all",
     aside="",
-    verb=None,
 )
 
 
@@ -246,7 +244,6 @@ FOUND_SPEED = SpeedKnowledge(
     level_words="a decoder that finds the speed in the picture",
     worst_words="of a decoder that finds the speed is known in the mean alone",
     aside=", speed found",
-    verb="finds",
 )
 
 
@@ -282,7 +279,6 @@ KNOWN_SPEED = SpeedKnowledge(
     level_words="a linear filter that knows the speed",
     worst_words="at the worst of the speeds, of a filter that knows it",
     aside=", speed known",
-    verb="knows",
 )
 
 SPEED_KNOWLEDGE: dict[DecoderSpeed, SpeedKnowledge] = {

@@ -227,7 +227,7 @@ def rough_law(clip: Blocks, step: float) -> Law:
     law = _first_law(clip, floor)
     if law is not None and law.gain >= 0:
         return law
-    return Law(max(float(np.quantile(clip.variance, 0.25)), floor), 0.0, floor)
+    return Law(float(np.quantile(clip.variance, 0.25)), 0.0, floor)
 
 
 def _first_law(clip: Blocks, floor: float) -> Law | None:

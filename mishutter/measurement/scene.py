@@ -43,7 +43,6 @@ class AlongAxis(NamedTuple):
     across: float  # Fast speed across over the fast speed along
     turn: float  # Degrees by which turning the camera clockwise brings the motion onto the axis
     across_turned: float  # Speed across over that along after that
-    is_two_way: bool  # Whether objects move both ways
     fastest: float  # Fast speed in whatever direction; px/s
 
     @property
@@ -90,8 +89,7 @@ def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
     along, across = -velocities[:, index], velocities[:, 1 - index]
     fast = _quantile(np.abs(along), area, _FAST)
     ways = np.array([area[along > 0].sum(), area[along < 0].sum()]) / area.sum()
-    is_two_way = bool(ways.min() >= 0.05)  # of the moving area goes the rarer way
-    if is_two_way:
+    if ways.min() >= 0.05:  # of the moving area goes the rarer way
         speeds = -fast, fast
     else:
         sign = 1.0 if ways[0] >= ways[1] else -1.0
@@ -111,7 +109,6 @@ def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
         _ratio(_quantile(np.abs(across), area, _FAST), fast),
         (turn + 90) % 180 - 90,
         _ratio(_quantile(beside, area, _FAST), _quantile(main, area, _FAST)),
-        is_two_way,
         _quantile(np.hypot(along, across), area, _FAST),
     )
 

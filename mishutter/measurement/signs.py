@@ -198,7 +198,6 @@ def _is_filtered(clip: Clip, steady: Steady, transfer: Transfer) -> Refusal | No
         far = blocks_of(steady, pairs_of(steady.num_frames, lag), clip.ends)
         count = steady.num_frames - lag
         rest = np.all([transfer.at_rest[k : k + count] for k in range(lag)], axis=0)
-        rest &= far.is_whole.reshape(rest.shape)
         if rest.sum() < 30:
             break
         rest &= texture[:count] <= np.median(texture[:count][rest])

@@ -503,10 +503,6 @@ class TransmittedShutter(AbstractPiecewiseShutter):
         passed = self._passed(self.profile.transmittance(tau))
         return within_exposure(jnp.asarray(tau), passed)
 
-    def dtype(self) -> np.dtype | None:
-        own = self.profile.dtype()
-        return np.dtype(self.leakage.dtype) if own is None else own
-
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return self.profile.breakpoints(dtype)
 

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import Unquoted, require, require_known
+from mishutter._core.checks import Unquoted, require, require_known, three_digits
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_one_axis, require_scene, require_velocities
@@ -246,14 +246,11 @@ class Exposures:
     def setting(self) -> str:
         """Numbers of frames and their exposures; frames at rest before moving ones say so."""
         num_rests = self.num_rests if self.moves else 0
-        kinds = Counter(
-            (f"{exposure * 1e3:.3g} ms", index < num_rests)
-            for index, exposure in enumerate(self.exposures)
-        )
+        kinds = Counter((f"{length} ms", k < num_rests) for k, length in enumerate(self._each))
         if len(kinds) > _MOST_NAMED:
             at_rest = [f"{num_rests} at rest"] if num_rests else []
             return ", ".join([f"{self.num_frames} of {self._range} ms", *at_rest])
-        return " and ".join(
+        return _listed(
             f"{count} of {exposure}{' at rest' if is_still else ''}"
             for (exposure, is_still), count in kinds.items()
         )
@@ -261,21 +258,26 @@ class Exposures:
     @property
     def lengths(self) -> str:
         """Exposures in words: each that occurs, with its number where stills differ in them."""
-        kinds = Counter(f"{exposure * 1e3:.3g}" for exposure in self.exposures)
+        kinds, every = Counter(self._each), self._each
         if len(kinds) > _MOST_NAMED:
             return f"{self._range} ms"
         if self.moves or set(kinds.values()) == {1} or len(kinds) == 1:
-            return f"{' and '.join(kinds)} ms"
-        every = [f"{exposure * 1e3:.3g}" for exposure in self.exposures]
+            return f"{_listed(kinds)} ms"
         num_runs = 1 + sum(one != other for one, other in pairwise(every))
         if num_runs > len(kinds) and len(every) <= _MOST_LISTED:  # in an order that counts
-            return f"{', '.join(every[:-1])} and {every[-1]} ms"
-        return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
+            return f"{_listed(every)} ms"
+        return f"{_listed(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
 
     @property
     def _range(self) -> str:
         """The least and the greatest exposure; ms."""
-        return f"{min(self.exposures) * 1e3:.3g} to {max(self.exposures) * 1e3:.3g}"
+        low, high = (three_digits(1e3 * each(self.exposures)) for each in (min, max))
+        return f"{low} to {high}"
+
+    @property
+    def _each(self) -> list[str]:
+        """Every exposure, in words; ms."""
+        return [three_digits(1e3 * exposure) for exposure in self.exposures]
 
     def of_one_gain(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
         """Frames as a sensor of one gain has them: in units of the white of the longest.
@@ -357,6 +359,12 @@ class Exposures:
         """
         going_on = self.path.for_rows(readout, self._of_stage(limits), self._turning)
         return replace(self, frames=going_on)
+
+
+def _listed(words: Iterable[str]) -> str:
+    """Words one after the other."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def frames_of(exposures: Frames | Exposures) -> Frames:

@@ -55,9 +55,6 @@ class LaggedShutter(AbstractPiecewiseShutter):
         state = self.starts[slot] * decay + self.levels[slot] * growth
         return within_exposure(tau, state)
 
-    def dtype(self) -> np.dtype | None:
-        return np.dtype(self.levels.dtype)
-
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         begins = self.begins.astype(dtype)
         # 7e-13 of the way is left after 28 time constants.

@@ -173,7 +173,8 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     if file.burst is not None and sensor is not None:
         period, readout = 1e3 / file.burst.frames_per_s, sensor.readout_time * 1e3
         requirement = f"be at most the {period:g} ms from frame to frame"
-        require(readout <= period * (1 + 1e-6), "[sensor] readout_ms", requirement, readout)
+        got = Unquoted(f"{readout:g}")
+        require(readout <= period * (1 + 1e-6), "[sensor] readout_ms", requirement, got)
     return moving | {
         "photon_rate": photon_rate(file.light, scales),
         "read_noise": read_noise_in(file.sensor),

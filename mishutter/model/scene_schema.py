@@ -26,6 +26,8 @@ Exposure = Annotated[float, Field(ge=2e-3, le=2e5)]
 LongestStroke = Annotated[float, Field(ge=0, le=1e4)]
 TopSpeed = Annotated[float, Field(ge=1e-3, le=1e7)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Weight = Annotated[float, Field(ge=0, le=1e9)]
+"""How often a speed occurs, on any scale."""
 
 
 def _without_stage(value: object) -> object:
@@ -84,7 +86,7 @@ class AnyDirection(
     """Velocities in any direction: a disc or an ellipse that they fill, a ring, or a list."""
 
     angle_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
-    weights: list[Share] | None = None
+    weights: list[Weight] | None = None
 
 
 @final
@@ -100,7 +102,7 @@ class Speeds(Section):
     list_m_per_s: ListOfSpeeds | None = None
     list_km_per_h: ListOfSpeeds | None = None
     list_deg_per_s: ListOfSpeeds | None = None
-    weights: list[Share] | None = None
+    weights: list[Weight] | None = None
 
 
 @final

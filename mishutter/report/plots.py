@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import require
+from mishutter._core.checks import require, three_digits
 from mishutter._core.files import write_bytes
 from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.design.design import AbstractDesign, Design
@@ -334,7 +334,9 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
         axes.set_xlabel("")
         below.plot(*_over_exposure(row.motion, row.shutter)[:2], **next(line_styles()))
         below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
-    travel = ", at rest" if is_still else f", {row.stroke:.3g} px from first to last light"
+    travel = (
+        ", at rest" if is_still else f", {three_digits(row.stroke)} px from first to last light"
+    )
     part = "stage" if scene.limits.moves else "sensor"
     axes.lines[0].set_label(f"{part}{travel}")
     axes.set_ylabel(f"{part} position / px")
@@ -413,7 +415,7 @@ def _uncovered(curves: Mapping[str, Float[np.ndarray, "n"]]) -> dict[str, str]:
 
 def motion_text(motion: AbstractMotion) -> str:
     """Exposure of a motion with its stroke, or with its sag and its pan, in words."""
-    exposure = f"{float(motion.exposure) * 1e3:.3g} ms"
+    exposure = f"{three_digits(float(motion.exposure) * 1e3)} ms"
     sag, pan = float(motion.sag), float(motion.velocity)
     if sag <= 0:
         return exposure if pan == 0 else f"{exposure}, pan {pan:.4g} px/s"
@@ -761,6 +763,8 @@ def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
     Exposures are coloured one by one; the way between them is thin. The outline beside the
     velocities is that of the things.
     """
+    from matplotlib.lines import Line2D
+
     figure = new_figure(7.4, 6.2)
     plane, hodograph = (figure.add_subplot(2, 2, place) for place in (1, 2))
     below = figure.add_subplot(2, 1, 2)
@@ -774,7 +778,8 @@ def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
     ends = begin + np.append(0.0, np.cumsum(path.durations))
     velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(path.velocities)])
     plane.plot(*place, color="0.7", linewidth=0.7)
-    hodograph.plot(*velocity, color="0.7", linewidth=0.7)
+    # Beside flights between frames the panel has no room for the velocities that count.
+    hodograph.add_artist(Line2D(*velocity, color="0.7", linewidth=0.7, zorder=1))
     _shade(below, burst.lights)
     for (first, last), colour in zip(burst.lights, itertools.cycle(_COLOURS), strict=False):
         lit = (time >= first) & (time <= last)
@@ -790,6 +795,7 @@ def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
         below.plot(time * 1e3, row, label=f"along {axis}", **style)
     plane.set(xlabel="along rows / px", ylabel="along columns / px", title="path of the stage")
     hodograph.set(xlabel="along rows / px/s", ylabel="along columns / px/s", title="velocities")
+    hodograph.locator_params(axis="x", nbins=5)
     for axes in (plane, hodograph):
         axes.set_aspect("equal", "datalim")
     below.set(xlabel="time from the middle / ms", ylabel="stage position / px")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Array
 
+from mishutter._core.checks import three_digits
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
 from mishutter.evaluation.losses import AbstractLoss
@@ -37,6 +38,7 @@ from mishutter.search.frame_ties import (
     SWINGS,
     TWO_SINES,
 )
+from mishutter.search.frame_words import flights_back
 from mishutter.search.moving_frames import loss_untold
 from mishutter.search.plane_frames import stills_on_pan
 from mishutter.search.rivals import (
@@ -153,7 +155,7 @@ def _is_snapshot(row: Row) -> bool:
 def _path(row: Row) -> str:
     """The path of a single exposure."""
     if row.is_straight:
-        return f"on a pan of {float(row.motion.velocity):.0f} px/s" if row.pans else "at rest"
+        return f"on a pan of {row.pan_words} px/s" if row.pans else "at rest"
     return "on a free path" if row.is_free else "on a parabola"
 
 
@@ -166,13 +168,8 @@ def _way_of_frames(frames: Exposures, *, short: bool = False) -> str:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
     travel = _at_most(frames.travel) if frames.in_plane else frames.travel
-    way = _WAYS.get(frames.kind, _ANY_WAY)[1].format(way=f"{_three_digits(travel)} px")
+    way = _WAYS.get(frames.kind, _ANY_WAY)[1].format(way=f"{three_digits(travel)} px")
     return f" while the stage {way}"
-
-
-def _three_digits(value: float) -> str:
-    """A number in words, without an exponent: 1,330."""
-    return f"{float(f'{value:.3g}'):,g}"
 
 
 def _at_most(value: float) -> float:
@@ -223,7 +220,7 @@ def _order(row: Row, limits: Limits) -> str:
         return f"{_counted(frames)}{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
-    size = "" if row.is_straight else f" of {_three_digits(row.stroke)} px"
+    size = "" if row.is_straight else f" of {three_digits(row.stroke)} px"
     if SHUTTER not in row.required_hardware:
         path = f" while the stage follows {_path(row)[3:]}" if size else f" {_path(row)}"
         return f"{name}one exposure{path}{size}"
@@ -382,8 +379,8 @@ def _speeds(frames: Exposures) -> str:
 
 
 def _turns(frames: Exposures) -> str:
-    """How often the stage flies back between frames."""
-    count = frames.num_frames - frames.num_rests - 1
+    """How often the stage flies back between frames, in words."""
+    count = flights_back(frames)
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
@@ -391,14 +388,14 @@ def _stage_numbers(
     travel: float, top_speed: float, acceleration: float, pitch: Array | None
 ) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
-    words = f"{_three_digits(travel)} px at up to {_three_digits(top_speed)} px/s"
+    words = f"{three_digits(travel)} px at up to {three_digits(top_speed)} px/s"
     if pitch is None:
         rate = f"{float(f'{acceleration:.2g}'):,g} px/s^2"
         return f"{words} and {rate}" if acceleration else words
     p = float(pitch)  # m
     physical = [
-        f"{_three_digits(travel * p * 1e6)} um",
-        f"{_three_digits(top_speed * p * 1e3)} mm/s",
+        f"{three_digits(travel * p * 1e6)} um",
+        f"{three_digits(top_speed * p * 1e3)} mm/s",
     ]
     # A velocity that is reached at once has no acceleration.
     physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
@@ -499,7 +496,8 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
 def _camera_words(scene: Scene, choice: Row) -> list[str]:
     """The assumptions on the time for frames, on the stage, and on the sensor."""
     limits, width, frames = scene.limits, scene.sensor.width, choice.num_frames > 1
-    said = [f"frames within {1e3 * window_of(scene):,.4g} ms"] if frames else []
+    window = 1e3 * window_of(scene)
+    said = [f"frames within {window:,.{4 if window < 1e4 else 9}g} ms"] if frames else []
     if STAGE in choice.required_hardware:
         stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
         said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")

@@ -45,8 +45,7 @@ def kind_of(exposures: Exposures) -> str:
     if exposures.kind == SINE:  # between the frames too
         return SINE
     every = _Ways.of(exposures)
-    several = len(every.velocity) > 1
-    if several and every.flies_back:
+    if every.flights_back:
         return FOLLOW
     if every.is_straight:
         middle = np.mean(every.velocity, axis=1)
@@ -55,6 +54,11 @@ def kind_of(exposures: Exposures) -> str:
             return PAN
         return FAN if every.along is not None else RING
     return _on_two_axes(every) if every.along is None else _on_axis(every, every.along)
+
+
+def flights_back(exposures: Exposures) -> int:
+    """How often a stage that follows things flies back between frames."""
+    return _Ways.of(exposures).flights_back
 
 
 class _Ways(NamedTuple):
@@ -87,12 +91,13 @@ class _Ways(NamedTuple):
         return self.velocity @ units[0] if is_one else None
 
     @property
-    def flies_back(self) -> bool:
-        """Whether it moves one way in all frames, and against it between them."""
+    def flights_back(self) -> int:
+        """How often it comes back between frames, where it moves one way in all of them."""
         middle = np.mean(self.velocity, axis=(0, 1))
         unit = middle / max(float(np.linalg.norm(middle)), np.finfo(float).tiny)
         between = (self.place[1:, 0] - self.place[:-1, -1]) @ unit
-        return bool(np.all(self.velocity @ unit >= 0) and np.all(between < -_STRAIGHT))
+        goes_one_way = np.all(self.velocity @ unit >= 0)
+        return int(np.sum(between < -_STRAIGHT)) if goes_one_way else 0
 
     @property
     def is_straight(self) -> bool:

@@ -87,7 +87,8 @@ def best_moving_burst(
     counts = [n for n in times.numbers_of_frames if least <= n <= _MOST]
     slowest, fastest = (float(x) for x in in_parts(scene).speed_range)
     room = Room.of(limits, times, max(abs(slowest), abs(fastest)))
-    kinds = (STILLS, BRACKETED, *(WAYS if limits.max_jerk is None else (PAN, SWEEP, SINE)))
+    moving = WAYS if limits.max_jerk is None else (PAN, SWEEP, SINE)
+    kinds = (STILLS, BRACKETED, *(moving if limits.moves else (PAN,)))
     jerk = math.inf if limits.max_jerk is None else float(limits.max_jerk)
 
     def ties(shape: Shape) -> list[Tie]:
@@ -104,7 +105,7 @@ def best_moving_burst(
         serves_all = _pieces(count) > 1 or _is_judged_on_sensor(scene)
         return () if stands_for_more and serves_all else tuple(speeds.tolist())
 
-    levels, is_free = Levels.on_axis(scene), limits.max_jerk is None
+    levels, is_free = Levels.on_axis(scene), limits.moves and limits.max_jerk is None
     search = Search(levels, room, ties, _pieces, followed, is_free)
     found = _judged(scene, search.ends(counts, progress))
     return _chosen(scene, found, search) if found else None

@@ -74,16 +74,6 @@ class PlaneSearch:
     bursts: tuple[Exposures, ...]
     ceiling: float
 
-    @property
-    def simplest(self) -> tuple[Exposures, ...]:
-        """For each number of axes of a stage, the simplest frames within 0.05 dB of the best."""
-        chosen = []
-        for axes in sorted({burst.num_axes for burst in self.bursts}):
-            group = [burst for burst in self.bursts if burst.num_axes == axes]
-            most = max(burst.level for burst in group)
-            chosen.append(next(burst for burst in group if burst.level >= most - _AS_GOOD))
-        return tuple(chosen)
-
 
 @outside_trace()
 @alone_in_blas()
@@ -123,7 +113,8 @@ def stills_on_pan(scene: Scene) -> Exposures:
     room = replace(scene.limits, pans="camera", max_pan=speed, max_top_speed=2 * speed)
     search = _PlaneSearch.of(replace(scene, limits=room))
     several, alone = search.times, search.times._replace(max_frames=1)
-    return max(map(search.stills, (several, alone)), key=lambda burst: burst.level)
+    bursts = (search.stills(times, search.offset) for times in (several, alone))
+    return max(bursts, key=lambda burst: burst.level)
 
 
 class _PlaneSearch(NamedTuple):
@@ -157,6 +148,9 @@ class _PlaneSearch(NamedTuple):
         alone = self.times._replace(max_frames=1)
         snapshot = StillBursts(self.scene).best_sequence(alone)
         bursts = [self.stills(self.times)]
+        # Before a background things are found by what stands still.
+        if np.any(self.offset) and self.scene.occlusion is None:
+            bursts.append(self.stills(self.times, self.offset))
         if self.scene.limits.moves and not self.scene.is_found_by_object:
             one, along = self.stage(1), []
             for index, count in enumerate(self.counts):
@@ -166,13 +160,13 @@ class _PlaneSearch(NamedTuple):
             if self.scene.limits.axes != "one":
                 bursts += self._on_two_axes(one, along, bursts, progress)
         return PlaneSearch(
-            snapshot, _best_of_each(bursts), self._ceiling({*self.counts, bursts[0].num_frames})
+            snapshot,
+            _best_of_each(bursts),
+            self._ceiling({*self.counts, *(burst.num_frames for burst in bursts[:2])}),
         )
 
-    def stills(self, times: FrameTimes) -> Exposures:
-        """The best frames at rest, or on a camera that turns along with the mean of the things."""
-        # Before a background things are found by what stands still.
-        pan = None if self.scene.occlusion is not None else self.offset
+    def stills(self, times: FrameTimes, pan: Float[np.ndarray, "2"] | None = None) -> Exposures:
+        """The best frames at rest, or on a camera that turns at a velocity, px/s."""
         return with_losses(self.scene, StillBursts(self.scene, pan=pan).best_sequence(times))
 
     def _ceiling(self, counts: set[int]) -> float:
@@ -333,9 +327,9 @@ class _Stage(NamedTuple):
 
 def _best_of_each(bursts: Sequence[Exposures]) -> tuple[Exposures, ...]:
     """The best of those that go the same way on as many axes, the simplest first."""
-    kept: dict[tuple[int, str], Exposures] = {}
+    kept: dict[tuple[int, str, bool], Exposures] = {}
     for burst in sorted(bursts, key=lambda x: (x.num_axes, SIMPLEST_FIRST.index(x.kind))):
-        before = kept.get(key := (burst.num_axes, burst.kind))
+        before = kept.get(key := (burst.num_axes, burst.kind, bool(np.any(burst.pan))))
         if before is None or burst.level > before.level + _AS_GOOD / 2:
             kept[key] = burst
     return tuple(kept.values())

@@ -40,6 +40,7 @@ from mishutter.search.rows import (
     SHUTTER,
     SNAPSHOTS,
     STAGE,
+    STANDS_STILL,
     WORTH_IT,
     Row,
     choice_of,
@@ -59,6 +60,7 @@ BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
 BEST_STILL_BURST = "best still burst"
 BEST_MOVING_BURST = "best moving burst"
+BEST_TURNED_BURST = "best moving burst without a stage"
 PLAIN_RATE = 30.0
 """Frame rate that every camera has; 1/s."""
 PLAIN_STILLS = f"stills at {PLAIN_RATE:.0f} frames/s"
@@ -286,10 +288,14 @@ def _bursts(search: RivalSearch) -> list[Row]:
 
 
 def rows_of_bursts(still: Exposures, *moving: Exposures) -> list[Row]:
-    """The rows of the burst at rest, and of the best of those that move."""
+    """The rows of the burst at rest, of the best that moves, and of one without its stage."""
     found = {BEST_STILL_BURST: still}
     if moving:
-        found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)
+        found[BEST_MOVING_BURST] = best = max(moving, key=level_on_sensor)
+        # A camera that turns may do without the stage of the best.
+        alone = [x for x in moving if x.num_frames > 1 and x.stroke < STANDS_STILL <= best.stroke]
+        if alone:
+            found[BEST_TURNED_BURST] = max(alone, key=level_on_sensor)
     # One frame is no burst: it has rows of its own.
     return [_row_of_burst(name, each) for name, each in found.items() if each.num_frames > 1]
 
@@ -328,7 +334,7 @@ RIVALS = (
         is_asked=lambda search: not (search.frames_alone or search.scene.sensor.is_rolling),
     ),
     Rival(
-        (BEST_STILL_BURST, BEST_MOVING_BURST),
+        (BEST_STILL_BURST, BEST_TURNED_BURST, BEST_MOVING_BURST),
         frozenset({STAGE, FRAMES}),
         _bursts,
         is_asked=lambda search: search.scene.burst is not None,

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import Unquoted, require
+from mishutter._core.checks import Unquoted, require, three_digits
 from mishutter.design.design import Design
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.metrics import Metrics, SequenceMetrics
@@ -54,7 +54,7 @@ _PURCHASES = {
     frozenset({SHUTTER}): "a shutter",
     frozenset({STAGE, SHUTTER}): "both",
 }
-_STANDS_STILL = 0.05
+STANDS_STILL = 0.05
 """Travel during the exposure below which a sensor counts as standing still; px."""
 LEAST_SHOWN = 0.005
 """Least difference of levels that two decimals show; dB."""
@@ -125,7 +125,7 @@ class Row:
         """
         efficiency = np.asarray(self.metrics.efficiency)
         is_open = efficiency >= min(1 - 1e-6, least_efficiency(efficiency.dtype))
-        stays = self.stroke < _STANDS_STILL
+        stays = self.stroke < STANDS_STILL
         idle = {STAGE: stays, SECOND_AXIS: stays, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
 
@@ -183,7 +183,13 @@ class Row:
         """Whether the pan of one exposure is more than counts as standing still."""
         if self.sequence is not None:
             return False
-        return abs(float(self.motion.velocity)) * float(self.motion.exposure) >= _STANDS_STILL
+        return abs(float(self.motion.velocity)) * float(self.motion.exposure) >= STANDS_STILL
+
+    @property
+    def pan_words(self) -> str:
+        """The velocity of one exposure at its middle; px/s."""
+        velocity = float(self.motion.velocity)
+        return f"{velocity:.0f}" if abs(velocity) >= 100 else f"{velocity:.3g}"
 
     @cached_property
     def kind(self) -> tuple[bool, bool]:
@@ -227,7 +233,7 @@ class Row:
             return False
         (light, path), (other_light, other_path) = self._course, other._course
         is_light_alike = np.abs(light - other_light).sum() <= _SAME_SHARE * light.sum()
-        return bool(is_light_alike and np.abs(path - other_path).max() < _STANDS_STILL)
+        return bool(is_light_alike and np.abs(path - other_path).max() < STANDS_STILL)
 
     @property
     def level(self) -> float:
@@ -270,10 +276,10 @@ class Row:
         if self.sequence is not None:
             return self.sequence.setting
         motion = self.motion
-        parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
+        parts = [f"{three_digits(float(motion.exposure) * 1e3)} ms"]
         if self.pans:
-            parts.append(f"pan {float(motion.velocity):.0f} px/s")
-        if float(motion.sag) >= _STANDS_STILL:
+            parts.append(f"pan {self.pan_words} px/s")
+        if float(motion.sag) >= STANDS_STILL:
             parts.append(f"stroke {self.stroke:.3g} px")
         return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
 

@@ -2,6 +2,9 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from mishutter._core.progress import counts
 from mishutter.evaluation.bursts import best_still_burst
@@ -9,7 +12,7 @@ from mishutter.evaluation.sequences import with_losses
 from mishutter.model.exposures import Exposures
 from mishutter.model.scene import Scene, require_scene
 from mishutter.search.moving_frames import best_moving_burst
-from mishutter.search.rows import simplest_of
+from mishutter.search.rows import STANDS_STILL, simplest_of
 
 
 def best_sequence(scene: Scene) -> Exposures | None:
@@ -32,14 +35,17 @@ def best_sequence(scene: Scene) -> Exposures | None:
 def best_bursts(
     scene: Scene, *, progress: Callable[[float], None] = lambda share: None
 ) -> tuple[Exposures, ...]:
-    """The best burst of a sensor at rest, and that of one that moves; none without `scene.burst`.
+    """The best burst of a sensor at rest, and those that move; none without `scene.burst`.
 
-    Where things are found one by one there is only that at rest: `restore` finds them in such
+    A camera that turns needs no stage: what it does alone stands beside what it does with one.
+    Where things are found one by one there is only the burst at rest: `restore` finds them in such
     frames alone.
     """
-    found = [best_still_burst(scene)]
+    found, limits = [best_still_burst(scene)], scene.limits
     if not scene.is_found_by_object:
         found.append(best_moving_burst(scene, progress=progress))
+        if limits.pans == "camera" and limits.moves and float(limits.max_pan) > 0:
+            found.append(best_moving_burst(replace(scene, limits=replace(limits, max_stroke=0.0))))
     return tuple(with_losses(scene, each) for each in found if each is not None)
 
 
@@ -66,8 +72,8 @@ def choose_burst(
 ) -> Exposures | None:
     """The burst to take, or None for one exposure that is as good and as simple."""
     several = [burst for burst in bursts if burst.num_frames > 1 or not rank]
-    options = [
-        (level_on_sensor(burst, at_worst=at_worst), (1, 2) if burst.moves else (0, 1), burst)
-        for burst in several
-    ]
+    options = []
+    for burst in several:
+        parts = int(burst.stroke >= STANDS_STILL) + int(np.any(burst.pan))
+        options.append((level_on_sensor(burst, at_worst=at_worst), (parts, parts + 1), burst))
     return simplest_of([*options, (level, rank, None)] if rank else options)

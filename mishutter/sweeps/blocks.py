@@ -22,11 +22,11 @@ from mishutter.model.sensor import white_electrons
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.search.search import SearchSettings, Start, best_design
-from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, Search, outside_limits
+from mishutter.sweeps.grid import MARKS, OPTIMISED, REASONS, Block, Grid, Search, outside_limits
 
 Arrays = dict[str, np.ndarray]
-Found = Callable[[Block, int], None]
-"""A function that is called with a block and the points of it that are done."""
+Found = Callable[[Block, int, str], None]
+"""A function that is called with a block, the points of it that are done, and what comes next."""
 
 
 class PreparedShutter(NamedTuple):
@@ -111,19 +111,19 @@ class Engine:
             yield np.flatnonzero(half_exposures == half), self._rules(prepared.coordinates, half)
 
     def computed(
-        self, blocks: Iterable[Block], found: Found = lambda block, points: None
+        self, blocks: Iterable[Block], found: Found = lambda block, points, name: None
     ) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time.
 
         Args:
             blocks: The blocks.
-            found: Called after each point of a search, or else after each shutter that is
-                measured, with the block and its points that are done.
+            found: Called before each shutter that is measured and at each point of a search, with
+                the block, its points that are done, and the name of the shutter.
         """
         count = num_threads(np.array(jax.devices())) if self.bases else 1
         return in_threads(partial(self.compute, found=found), blocks, count)
 
-    def compute(self, block: Block, found: Found = lambda block, points: None) -> Arrays:
+    def compute(self, block: Block, found: Found = lambda block, points, name: None) -> Arrays:
         """Every variable of a block, NaN outside the limits; axes of frames left out."""
         grid, at = self.grid, self.grid.place(block)
         everywhere = self.outside[block.frame]
@@ -138,14 +138,16 @@ class Engine:
         }
         arrays["outside"] = everywhere[at]
         metrics, num_points = [], grid.num_points([block])
-        for prepared in self.shutters:
+        for name, prepared in zip(grid.shutters, self.shutters, strict=True):
+            # A point that is searched takes most of its time then.
+            share = len(metrics) / len(self.shutters) if grid.search is None else 0.0
+            found(block, int(num_points * share), name)
             metrics.append(self._measured(prepared, block.frame, motions, sizes))
-            if grid.search is None:
-                found(block, num_points * len(metrics) // len(self.shutters))
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            tell = partial(found, block)
-            boxes, best = _best_profiles(grid.search, scene, motions, profile, tell)
+            boxes, best = _best_profiles(
+                grid.search, scene, motions, profile, lambda points: found(block, points, OPTIMISED)
+            )
             arrays |= {name: _placed(values, inside) for name, values in best.items()}
             basis = self.bases[profile.symmetric]
             metrics.append(self._measured(basis, block.frame, motions, sizes, boxes))
@@ -227,6 +229,7 @@ def _best_profiles(
     boxes = np.zeros((accelerations.size, profile.parameters.size))
     losses, converged = np.zeros(len(boxes)), np.zeros(len(boxes), bool)
     for index in range(len(boxes)):
+        found(index)
         motion = ParabolicMotion(
             acceleration=accelerations[index], half_exposure=half_exposures[index]
         )
@@ -240,7 +243,7 @@ def _best_profiles(
         design = best_design(Start(scene, motion, profile, ("shutter",)), shared)
         boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
-        found(index + 1)
+    found(len(boxes))
     coefficients = boxes
     if profile.symmetric:
         mirrored = boxes[:, : profile.num_coefficients // 2]

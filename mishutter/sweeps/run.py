@@ -180,17 +180,18 @@ def _filled(
         told = progress if callable(progress) else lambda done, total: None
         with counts(progress is True, "sweeping", num_points, _WHY_NO_POINT) as counter:
             # Points of blocks that are under way; threads share no block.
-            within, names = dict.fromkeys(missing, 0), _names_of(grid)
+            names = _names_of(grid)
+            within = {block: (0, names[block]) for block in missing}
 
             def tell() -> int:
-                count = done + sum(within.values())
-                counter(count, names[next(iter(within))] if within else "")
+                count = done + sum(points for points, _ in within.values())
+                counter(count, next((words for _, words in within.values()), ""))
                 return count
 
-            def found(block: Block, points: int) -> None:
-                within[block] = points
+            def found(block: Block, points: int, name: str) -> None:
+                within[block] = points, f"{names[block]}, {name}"
                 count = tell()
-                if grid.search is not None:
+                if grid.search is not None and points:
                     told(count, num_points)
 
             told(tell(), num_points)

@@ -101,6 +101,8 @@ def test_a_counter_that_stays_says_why(monkeypatch):
     counter(4, "loss 0.25")
     now[0] += 25
     assert str(counter) == "loss 0.25, 4 of 4 after 60 s (programs are compiled)"
+    counter(4, "loss 0.24")
+    assert str(counter) == "loss 0.24, 4 of 4 after 60 s"
 
 
 def test_a_counter_that_stays_promises_no_end(monkeypatch):

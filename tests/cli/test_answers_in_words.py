@@ -65,7 +65,8 @@ def test_a_speed_is_told_with_its_error_and_trust():
     doubted = a_velocity(False, "two fit")
     for estimate, in_burst, words in (
         (a_speed(), False, ("432 +- 12", "trusted")),
-        (told, False, ("432, as told", "trusted")),
+        (told, False, ("431.6, as told", "trusted")),
+        (told._replace(speed=0.0304, error=4e-2), False, ("0.0304 +- 0.04", "trusted")),
         (nothing, False, ("none", "restored for all speeds of the scene")),
         (a_velocity(), True, ("432, -1,208 +- 13", "trusted")),
         (doubted, True, ("432, -1,208 +- 13", "not trusted: restored for this speed anyway")),

@@ -32,7 +32,7 @@ from mishutter.decoding.frame_restoration import (
     restored_in_plane,
     restored_on_axis,
 )
-from mishutter.decoding.likeliest import noises_of
+from mishutter.decoding.likeliest import noises_of, volume_of
 from mishutter.decoding.rolling import GLOBAL
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.model.optics import NUM_FREQUENCIES
@@ -316,6 +316,22 @@ def test_volumes_are_near_those_of_the_dense_covariance():
     assert volume.logarithm == pytest.approx(half, rel=0.1)
     free = (np.diag(np.linalg.inv(dense.mixture)) * dense.noise).reshape(3, -1)
     np.testing.assert_allclose(volume.freedoms, np.sum(free, axis=1), rtol=0.08)
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+def test_volumes_are_of_waves_of_the_coarse_grid(axes):
+    """Up to half a cycle a pixel."""
+    dense = Dense(axes)
+    level = dense.level()
+    power, aperture = level.coarse
+    way = np.fft.rfftfreq(2 * power.shape[-1] - 2) * (dense.velocity - dense.pan)[0]
+    if axes == 2:
+        way = way + np.fft.fftfreq(len(power))[:, None] * (dense.velocity - dense.pan)[1]
+    seen = np.stack([np.sinc(way * exposure) ** 2 for exposure in EXPOSURES])
+    density = seen * aperture**2 * power / NOISES.reshape(3, *[1] * axes)
+    wanted = volume_of(density, level.instants.middles(dense.velocity)[::-1], dense.sensor)
+    volume = level.volume(dense.velocity)
+    assert volume.logarithm == pytest.approx(wanted.logarithm, rel=1e-6)
 
 
 def told_by_scene(axes):

@@ -10,6 +10,7 @@ from support.plane import frames_of
 
 from mishutter import (
     Design,
+    EnsembleDecoder,
     FreeMotion,
     ParabolicMotion,
     PlaneFrames,
@@ -24,10 +25,11 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
+from mishutter.decoding import frame_restoration
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.decoding.frame_doubts import doubt_of_rows
 from mishutter.decoding.frame_likelihood import Own, Prior
-from mishutter.decoding.likeliest import _together, noises_of
+from mishutter.decoding.likeliest import _together, complete, noises_of
 from mishutter.decoding.rolling import RowTimes, _on_grid
 from mishutter.design.design import Outcome
 
@@ -72,6 +74,38 @@ def gaussian_captures(readout, rows=32, columns=1024):
         clean = np.clip(np.fft.ifft(response * np.fft.fft(light[y])).real, 0, None)
         captures[k, y] = (rng.poisson(clean * white) + rng.normal(size=columns) * 8) / white
     return captures, light
+
+
+def test_rows_in_turn_are_restored_as_one_capture_of_their_mean_power(monkeypatch):
+    """Of responses of each frame over what its stage does while each row is exposed."""
+    given = []
+
+    def told(found, density):
+        given.append(density)
+        return complete(found, density)
+
+    monkeypatch.setattr(frame_restoration, "complete", told)
+    monkeypatch.setattr(frame_restoration, "restored_light", lambda capture, *_: capture)
+    scene, rng = replace(SCENE, sensor=Sensor(readout=EXPOSURE)), np.random.default_rng(2)
+    captures = rng.uniform(0.2, 0.3, (1, 4, 3, 120))
+    times = RowTimes.of(scene.sensor, captures.shape)
+    frame_restoration.restored_on_axis(
+        captures, scene, alternating(), EnsembleDecoder(), SPEED, times=times
+    )
+    (density,) = given
+    f = np.arange(len(density)) / (2 * len(density) - 2)
+    x, weight = np.polynomial.legendre.leggauss(120)
+    powers = []
+    for delay in np.linspace(-EXPOSURE / 2, EXPOSURE / 2, 41):
+        time = delay + x * EXPOSURE / 2  # of every frame but for its sign and place
+        number = np.floor(time / EXPOSURE + 0.5)
+        place = (time - number * EXPOSURE) / (EXPOSURE / 2)
+        for sign in (-1, 1):
+            way = sign * (-1) ** number * STROKE / 2 * (place**2 - 1) - SPEED * time
+            powers.append(abs(np.exp(-2j * np.pi * f[:, None] * way) @ (weight / 2)) ** 2)
+    noise = noises_of(scene, np.full(1, EXPOSURE), float(scene.picture.mean_level))
+    wanted = 4 * np.mean(powers, axis=0) * np.sinc(f) ** 2 / noise
+    assert np.sum(np.abs(density - wanted)) < 0.13 * np.sum(wanted)
 
 
 def psnr(found, light):
@@ -275,13 +309,14 @@ def test_a_velocity_along_the_readout_is_found():
     """That of stills whose rows are read 50 us after one another."""
     times = (np.arange(4) - 1.5) * 0.02
     frames = PlaneFrames(times, np.full(4, 2.7e-3), np.array([0.0627]), np.zeros((2, 2)))
-    scene = replace(PLANE, sensor=Sensor(readout=50e-6 * 95))
+    plane = Scene.any_direction(1900.0, photon_rate=3e4, read_noise=10.0)
+    scene = replace(plane, sensor=Sensor(readout=50e-6 * 95))
     picture = np.asarray(example_picture().light)[100:340, 200:460, 1].astype(np.float64)
     taken = {"num_rows": 96, "num_columns": 96, "key": jax.random.key(3)}
     captures = simulate_frames(picture, scene, frames, speed=VELOCITY, **taken)
     found = restore_frames(captures, scene, frames).estimate
     assert np.all(np.abs(found.velocity - VELOCITY) < 4 * found.error)
-    untold = restore_frames(captures, PLANE, frames).estimate.velocity
+    untold = restore_frames(captures, plane, frames).estimate.velocity
     assert untold == pytest.approx(VELOCITY / (1 - 800 * 50e-6), rel=0.02)
 
 

@@ -1,11 +1,13 @@
 """Steps of the search for a velocity in frames, and each doubt of what it found, by hand."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from mishutter import PlaneFrames, Scene, Sensor, StillCamera, TimedFrame
+from mishutter.decoding import frame_velocity
 from mishutter.decoding.frame_doubts import Evidence, Rival, Words, doubt_of_rows, odd_frame
 from mishutter.decoding.frame_likelihood import ROUGHLY, Own, Prior, climbed
 from mishutter.decoding.frame_velocity import (
@@ -346,6 +348,36 @@ def test_a_peak_is_reached_by_a_tenth_of_a_step():
     assert sizes[0] > 2 * sizes[1] > 0
     for step, last in ((20 * sizes[0], 0), (10 * (sizes[0] + sizes[1]) / 2, 1), (0.0, 4)):
         np.testing.assert_allclose(_top(level, start, step).best, climbs[last].best)
+
+
+def test_a_velocity_is_sought_in_few_binned_frames_and_then_in_all(monkeypatch):
+    """Each look tries what lies about the last one's peaks, as far apart as its frames tell."""
+    truth, looks = 47.3, []
+
+    def values(_, velocities, size, count):
+        looks.append((size, count, velocities[:, 0]))
+        return -np.square(velocities - truth)
+
+    def top(level, velocity, step, other=None):
+        height = lambda _: -abs(velocity[0] - truth)  # noqa: E731
+        return SimpleNamespace(best=velocity, size=0.0, value=height)
+
+    monkeypatch.setattr(frame_velocity, "_sizes_of", lambda own: ([1, 2, 4], 2))
+    monkeypatch.setattr(frame_velocity, "_values", values)
+    monkeypatch.setattr(frame_velocity, "_top", top)
+    own = own_of(np.zeros((5, 2, 70)), (0.01, 0.03, 0.05, 0.08, 0.1), [0.01] * 5)
+    found = frame_velocity._searched(own, _Speeds(-150.0, 150.0))
+    assert [look[:2] for look in looks] == [(4, 2), (4, 3), (4, 5), (2, 5)]
+    steps = [0.7 * size / own.duration_of(count) for size, count, _ in looks]
+    for step, (*_, tried) in zip(steps[1:], looks[1:], strict=True):
+        np.testing.assert_allclose(np.diff(tried)[0], step)
+        assert np.min(np.abs(tried - truth)) <= step / 2
+    assert (found.step, found.level.canvas.size) == (pytest.approx(steps[-1]), 2)
+    assert abs(found.ends[0].best[0] - truth) <= found.step / 2
+    first = looks[0][2]
+    assert found.middle == pytest.approx(
+        np.median(np.square(first - truth)) - np.min(np.square(first - truth))
+    )
 
 
 def burst(axes=1, rows=6):

@@ -148,6 +148,23 @@ def test_a_gamma_is_told_without_the_noise_of_steps(step):
     assert shot_gamma(transfer, step) == pytest.approx(1.5, abs=0.03)
 
 
+@pytest.mark.parametrize(("squares", "is_told"), [(15.8, True), (16.2, False)])
+def test_a_gamma_may_fit_worse_than_a_line_by_four_errors(monkeypatch, squares, is_told):
+    """Of six levels whose variance is on a line: by the sum of the squares of its deviations."""
+    level = np.linspace(150.0, 1000.0, 6)
+    variance = 40 + 0.1 * level
+    gammas, sums = np.arange(0.3, 3.51, 0.05), []
+    for gamma in gammas:
+        sums += [*np.linalg.lstsq(level[:, None] ** (2 - gamma), variance, rcond=None)[1]]
+    error = np.full(6, np.sqrt(min(sums) / squares))
+    curve = np.stack([level, variance, error, np.full(6, 9.0)])
+    monkeypatch.setattr(Transfer, "curve", lambda _: curve)
+    transfer = object.__new__(Transfer)
+    object.__setattr__(transfer, "law", Law(40.0, 0.1, 1e-3))
+    told = shot_gamma(transfer, 0.0)
+    assert told == (pytest.approx(gammas[np.argmin(sums)]) if is_told else None)
+
+
 def test_a_large_frame_is_measured_on_larger_pixels(monkeypatch):
     """Velocity, place and area are those of the frame's own pixels."""
     monkeypatch.setattr(motion_module, "MOST_PIXELS", 10_000)

@@ -7,7 +7,7 @@ from support.clips import ClipOf, Thing, photograph
 
 from mishutter.measurement.clip import clip_of
 from mishutter.measurement.measurement import noise_from
-from mishutter.measurement.pan import registered
+from mishutter.measurement.pan import _ways, registered
 from mishutter.measurement.steady import bands_of_light
 
 SIZE = 120, 150
@@ -48,6 +48,18 @@ def test_a_picture_that_pans_is_registered(step, size, blur, most):
     assert f"moves alike, by {size} px a frame" in word
     assert "fixed pattern" in word
     assert frames.frames.shape == (8, *SIZE)  # velocities are those of whole frames
+
+
+def test_a_few_stuck_pixels_do_not_hold_dull_detail():
+    """Of which a gradient of light that stands still is no part."""
+    rng = np.random.default_rng(4)
+    stuck, light = rng.random(SIZE) < 0.002, np.linspace(0.1, 0.9, SIZE[1])
+    frames = []
+    for k in range(-2, 3):
+        moved = 0.1 * ndimage.shift(LIGHT - LIGHT.mean(), (4 * k, -3 * k), order=1)
+        dull = CLIP.recorded(np.clip(light + moved[100:, 95:][: SIZE[0], : SIZE[1]], 0, 1), rng)
+        frames.append(np.where(stuck, 4095, dull).astype(np.float32))
+    np.testing.assert_array_equal(np.diff(_ways(np.stack(frames)), axis=0), [[4, -3]] * 4)
 
 
 def test_ways_are_those_of_each_frame():

@@ -115,7 +115,6 @@ def test_speeds_end_at_the_fast_quantile_by_area():
     objects = [an_object(-700, 5, 9000), an_object(410, -8, 3000), an_object(-3000, 0, 90)]
     along = along_axis(objects)
     assert (along.axis, along.speeds) == ("rows", (-700, 700))
-    assert along.is_two_way
     one_way = along_axis([an_object(-700, 5, 9000), an_object(-410, -8, 3000)])
     assert one_way.speeds == (410, 700)
     assert along_axis([]) is None

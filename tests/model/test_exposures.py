@@ -69,7 +69,8 @@ def test_exposures_are_numbered_where_stills_differ():
     assert stills(0.0054, 0.00176).lengths == "10.8 and 3.52 ms"
     assert stills(0.0054, 0.0054).lengths == "10.8 ms"
     assert SEQUENCE.lengths == "4.2 and 13.6 ms"
-    assert a_plane_design().exposures.lengths == "9 and 10.3 and 11 ms"
+    assert a_plane_design().exposures.lengths == "9, 10.3 and 11 ms"
+    assert stills(0.6172, 1e-6).lengths == "1,230 and 0.002 ms"
 
 
 def test_a_camera_that_turns_makes_the_pan_of_an_exposure():

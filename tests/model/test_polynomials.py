@@ -80,9 +80,6 @@ class Ramps(AbstractPiecewiseShutter):
     def transmittance(self, tau):
         return TriangleShutter().transmittance(tau)
 
-    def dtype(self):
-        return None
-
     def breakpoints(self, dtype):
         return np.array([-1, 0, 1], dtype)
 

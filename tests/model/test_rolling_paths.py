@@ -67,6 +67,13 @@ def test_rows_beside_a_camera_that_turns_see_frames_move_as_they_do():
     begin = path.bends[0]
     before = path.place(np.array([begin, begin + 0.003]))[0]
     np.testing.assert_allclose(np.diff(before), 700 * 0.003, rtol=1e-6)
+    # So too in the plane, where the camera turns along the columns alone and travel is short.
+    middles, velocities = np.array([-PERIOD / 2, PERIOD / 2]), np.array([[0.0, 0.0], [3000, 3000]])
+    plane = PlaneFrames(middles, np.full(2, PERIOD), np.array([2 * PERIOD]), velocities)
+    limits = Limits(max_acceleration=4e6, max_travel=95.0)
+    turned = plane.for_rows(0.004, limits, np.array([0.0, 700.0]))
+    before = turned.place(turned.bends[0] + np.array([0.0, 0.001]))
+    np.testing.assert_allclose(np.diff(before)[:, 0], [0, 0.7], atol=1e-9)
 
 
 def test_frames_without_a_path_have_no_rows():

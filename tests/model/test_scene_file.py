@@ -145,8 +145,8 @@ def test_a_normal_distribution_has_its_moments(tmp_path):
 
 
 def test_a_list_keeps_its_weights(tmp_path):
-    """Listed speeds occur as often as their weights say, or equally often."""
-    form = "list_px_per_s = [0, 1500, -700]\nweights = [0.5, 0.3, 0.2]"
+    """Listed speeds occur as often as their weights say, on any scale, or equally often."""
+    form = "list_px_per_s = [0, 1500, -700]\nweights = [5, 3, 2]"
     scene = read_scene(written(tmp_path, edited("uniform", form)))
     np.testing.assert_allclose(scene.weights, [0.5, 0.3, 0.2], rtol=1e-14)
     equal = read_scene(written(tmp_path, edited("uniform", "list_px_per_s = [0, 1500, -700]")))

@@ -312,6 +312,22 @@ def test_what_is_explained_is_not_looked_for_again(smooth, monkeypatch):
     assert search.reach == 2.0
 
 
+def test_velocities_beside_those_that_were_tried_are_not_tried_again(smooth, monkeypatch):
+    """Rest among them, beside which one explains more than the last does."""
+    velocities = np.array([[0.0, 0.0], [0.5, 0.0], [5.0, 0.0], [9.0, 0.0]])
+    residuals = np.array([[[100.0, 100.0]], [[30.0, 30.0]], [[1.0, 100.0]], [[100.0, 40.0]]])
+    search, tried = Search.of((smooth, smooth), 2, 1, 300), []
+
+    def refined(search, velocity, width, mask):
+        tried.append((*velocity, width, int(np.argmax(mask.any(axis=0)))))
+        return velocity
+
+    monkeypatch.setattr(Search, "refined", refined)
+    monkeypatch.setattr(Search, "is_new", lambda search, v: not search.velocities.append(v))
+    search.over(Sweep(velocities, residuals, 1.0, 16, 0.0))
+    assert tried == [(5, 0, 1, 0), (9, 0, 1, 8)]
+
+
 def test_a_region_costs_least_along_its_velocity(smooth):
     """Of all pixels of its mask that two frames see; a grid and a descent end there."""
     mask = np.zeros((60, 74), bool)

@@ -179,6 +179,19 @@ def test_a_design_in_the_plane_draws_its_path_without_its_pan():
             np.testing.assert_allclose(line.get_data(), place[:, lit], atol=1e-6)
 
 
+def test_velocities_of_flights_leave_the_panel_to_those_of_things():
+    """Between the first two frames the stage flies ten times as fast."""
+    design = a_plane_design()
+    path = design.exposures.frames
+    ends = path.times[0] - path.exposures[0] / 2 + np.append(0, np.cumsum(path.durations))
+    fast = path.velocities.copy()
+    fast[:, (ends > -0.007) & (ends < -0.0055)] = 2e4
+    flying = replace(design.exposures, frames=replace(path, velocities=fast))
+    hodograph = plot_design(replace(design, sequence=flying)).axes[1]
+    assert np.max(hodograph.get_lines()[0].get_data()) == pytest.approx(2e4, rel=0.01)
+    assert np.max(np.abs([hodograph.get_xlim(), hodograph.get_ylim()])) < 3e3
+
+
 @pytest.mark.parametrize("law", ["ellipse", "list"])
 def test_the_outline_of_velocities_is_theirs(law):
     """An ellipse that is turned; of a list off centre its hull, by the tangents."""

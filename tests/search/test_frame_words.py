@@ -21,7 +21,7 @@ from mishutter.search.frame_ties import (
     SWINGS,
     TWO_SINES,
 )
-from mishutter.search.frame_words import kind_of
+from mishutter.search.frame_words import flights_back, kind_of
 
 PERIOD, LENGTH = 0.02, 0.017
 """Time from frame to frame, and exposure; s."""
@@ -91,10 +91,12 @@ def test_stills_are_of_one_exposure_or_two():
 
 def along(rates, pan=0.0, turning=0.0) -> Exposures:
     """Frames of constant accelerations along an axis, without a jump between them."""
-    frames, place = [], 0.0
+    frames, end = [], 0.0
     for k, rate in enumerate(rates):
         motion = FreeMotion(accelerations=[rate], half_exposure=0.006, velocity=pan)
-        frames.append(TimedFrame(motion, 0.013 * k, place + pan * 0.013 * k))
+        begin, last = (float(motion.position(time)) for time in (-0.006, 0.006))
+        frames.append(TimedFrame(motion, 0.013 * k, end - begin))
+        end += last - begin + 0.001 * pan
     return Exposures(FREE, tuple(frames), pan=turning)
 
 
@@ -106,14 +108,25 @@ def test_a_stage_that_pans_as_it_swings_does_not_turn_back():
     assert kind_of(along(rates, pan=4e3, turning=4e3)) == ALTERNATING
 
 
+def followed(*places: float, turning: float = 0.0) -> Exposures:
+    """Frames in which a stage goes 36 px, about some places."""
+    motion = LinearMotion(half_exposure=0.006, velocity=3e3)
+    frames = (TimedFrame(motion, 0.013 * k, place) for k, place in enumerate(places))
+    return Exposures(FAN, tuple(frames), pan=turning)
+
+
 def test_things_are_followed_where_the_stage_flies_back():
-    """Against their velocity between all frames; a camera that turns does without."""
+    """Against their velocity between frames; a camera that turns does without."""
+    assert (
+        kind_of(followed(0.0, 0.0, 0.0, 0.0)) == kind_of(followed(0.0, 30.0, 60.0, 90.0)) == FOLLOW
+    )
+    assert kind_of(followed(0.0, 39.0, 78.0, 117.0)) == PAN
+    assert kind_of(followed(0.0, 39.0, 78.0, 117.0, turning=3e3)) == PAN
 
-    def follow(back: float, turning: float = 0.0) -> str:
-        motion = LinearMotion(half_exposure=0.006, velocity=3e3)
-        frames = (TimedFrame(motion, 0.013 * k, back * k) for k in range(4))
-        return kind_of(Exposures(FAN, tuple(frames), pan=turning))
 
-    assert follow(0.0) == follow(30.0) == FOLLOW
-    assert follow(39.0) == PAN
-    assert follow(39.0, turning=3e3) == PAN
+def test_flights_are_counted():
+    """Frames that share a way have none between them."""
+    assert flights_back(followed(0.0, 0.0, 0.0, 0.0)) == 3
+    assert flights_back(followed(0.0, 39.0, 0.0, 39.0, 0.0, 39.0)) == 2
+    assert flights_back(followed(0.0, 39.0, 78.0, 117.0)) == 0
+    assert kind_of(followed(0.0, 39.0, 0.0, 39.0, 0.0, 39.0)) == FOLLOW

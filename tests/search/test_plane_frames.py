@@ -21,7 +21,7 @@ from mishutter import (
     exposures_psnr,
 )
 from mishutter.cli.plane_command import _require_frames
-from mishutter.evaluation.bursts import FrameTimes
+from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.fans import Grid
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.exposures import Exposures
@@ -31,8 +31,9 @@ from mishutter.report.in_plane import answer_in_plane, compare_in_plane
 from mishutter.report.plots import plot_design
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_ties import FREE, RING, Tie
-from mishutter.search.plane_frames import PlaneSearch
+from mishutter.search.frame_search import End
+from mishutter.search.frame_ties import FREE, RING, STILLS, SWEEP, WAYS, WAYS_ON_TWO_AXES, Tie
+from mishutter.search.plane_frames import PlaneSearch, _PlaneSearch, _Stage
 
 LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)
 BURST = BurstMode(frames_per_s=90.0, window=0.05, max_frames=4)
@@ -245,6 +246,50 @@ def test_the_simplest_of_equals_is_recommended(one, two, free, kind):
     ]
 
 
+@pytest.mark.parametrize(("level", "has_free"), [(27.24, False), (27.26, True)])
+def test_free_frames_are_sought_from_the_best_of_one_axis_and_of_two(monkeypatch, level, has_free):
+    """All ways at all numbers of frames; on two axes again where the first of them are best."""
+    asked, given = [], []
+    levels = dict.fromkeys(WAYS, 25.0) | {SWEEP: 27.0} | dict.fromkeys(WAYS_ON_TWO_AXES, 27.2)
+
+    def best(stage, kind, count, most=None):
+        asked.append((kind, count, most))
+        place = np.arange(2.0, 2 + count * len(stage.unit)).reshape(count, -1)
+        velocity, nothing = np.full((count, 2, len(stage.unit)), 300.0), np.zeros(len(stage.unit))
+        frames = Frames(np.full(count, 4e-3), velocity, np.full(count - 1, 5e-3), place, nothing)
+        return End(kind, frames, levels[kind] - abs(count - 3))
+
+    def free(stage, *ends, progress):
+        given.extend(ends)
+        return [End(FREE, ends[1][-1].frames, level)]
+
+    def burst(search, stage, end):
+        return a_burst(end.kind, len(stage.unit), end.level, end.frames.exposure.size)
+
+    stills = lambda search, times: a_burst(STILLS, 0, 26.0, times.max_frames)  # noqa: E731
+    monkeypatch.setattr(StillBursts, "best_sequence", stills)
+    monkeypatch.setattr(_PlaneSearch, "stills", stills)
+    monkeypatch.setattr(_PlaneSearch, "_burst", burst)
+    monkeypatch.setattr(_PlaneSearch, "_ceiling", lambda *_: 28.0)
+    monkeypatch.setattr(_Stage, "best", best)
+    monkeypatch.setattr(_Stage, "free", free)
+    found = best_in_plane(a_scene())
+    twice = [(kind, 3, None) for kind in WAYS_ON_TWO_AXES]
+    every = [(kind, count, None) for count in (2, 3, 4) for kind in WAYS]
+    every += [(kind, count, 1) for count in (2, 3, 4) for kind in WAYS_ON_TWO_AXES]
+    assert asked == every + twice
+    kinds = [STILLS, *WAYS, *WAYS_ON_TWO_AXES, *[FREE] * has_free]
+    assert [each.kind for each in found.bursts] == kinds
+    assert (found.snapshot.num_frames, found.bursts[0].num_frames) == (1, 4)
+    assert [each.num_frames for each in found.bursts[1:]] == [3] * (len(kinds) - 1)
+    flat, on_two_axes = given
+    assert [end.kind for end in flat] == [kind for kind, *_ in every[: len(flat)]]
+    assert [end.kind for end in on_two_axes] == [kind for kind, *_ in asked[len(flat) :]]
+    unit = np.array([np.cos(0.3), np.sin(0.3)])
+    np.testing.assert_allclose(flat[0].frames.place, 2.5 + np.outer([-0.5, 0.5], unit))
+    np.testing.assert_allclose(flat[0].frames.velocity, np.broadcast_to(300 * unit, (2, 2, 2)))
+
+
 def test_frames_that_lose_more_at_the_borders_of_a_sensor_are_not_recommended():
     """Levels are those on the sensor, whose loss is said; without a width it is an assumption."""
     stills = replace(a_burst("stills", 0, 26.0), width_loss=0.21)
@@ -311,6 +356,21 @@ def test_a_camera_that_turns_leaves_its_stage_where_it_is():
     assert first == "Take 4 frames while the camera turns: 27.0 dB, 2.5 dB better than a snapshot."
     assert answer.choice.needs == ("registration", "turning camera")
     assert len(Report(a_scene(), answer, ()).plot().axes) == 1
+
+
+def test_a_camera_turns_where_that_pays():
+    """Frames at rest stand beside its own, and are taken where a slow pan gains too little."""
+    limits = Limits(max_stroke=0.0, max_half_exposure=0.01, pans="camera")
+    burst = BurstMode(frames_per_s=40.0, window=0.12, max_frames=4)
+    parts = {"photon_rate": 5e4, "read_noise": 4.0, "limits": limits, "burst": burst}
+    turned = ("registration", "turning camera")
+    for law, needs in (
+        (EvenVelocities(300.0, mean=(40.0, 0.0)), turned[:1]),
+        (EvenVelocities(200.0, mean=(900.0, -400.0)), turned),
+    ):
+        answer = compare_in_plane(Scene.any_direction(law, **parts))
+        assert answer.choice.needs == needs
+        assert {turned[:1], turned} <= {row.needs for row in answer.rows}
 
 
 @pytest.mark.parametrize(("travel", "said"), [(24.49, "25 px"), (241.0, "250 px"), (0.5, "0.5 px")])

@@ -30,12 +30,14 @@ from mishutter import (
     optimise,
 )
 from mishutter._core.parallel import as_they_end, once
+from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
     BEST_STILL_BURST,
     BEST_TUKEY,
+    BEST_TURNED_BURST,
     CODED_AT_REST,
     PLAIN_STILLS,
     RIVALS,
@@ -43,6 +45,7 @@ from mishutter.search.rivals import (
     RivalSearch,
     compared_rows,
     is_finished,
+    rows_of_bursts,
     searches,
     snapshots,
 )
@@ -54,6 +57,7 @@ from mishutter.search.rows import (
     SAME_MOTION,
     SHUTTER,
     STAGE,
+    TURNS,
     best_of_each_purchase,
 )
 from mishutter.search.sequences import best_bursts, choose_burst
@@ -172,7 +176,8 @@ def test_each_rival_has_names_of_its_own_and_parts_that_are_bought():
     names = [name for rival in RIVALS for name in rival.names]
     assert len(set(names)) == len(names)
     beyond = {rival.names for rival in RIVALS if not rival.hardware <= ONE_EXPOSURE}
-    assert beyond == {(BEST_STILL_BURST, BEST_MOVING_BURST), (PLAIN_STILLS,)}
+    bursts = BEST_STILL_BURST, BEST_TURNED_BURST, BEST_MOVING_BURST
+    assert beyond == {bursts, (PLAIN_STILLS,)}
 
 
 def test_rows_know_the_parts_that_their_rival_may_require(monkeypatch):
@@ -253,6 +258,22 @@ def test_things_that_are_found_one_by_one_have_frames_at_rest(parts):
     (still,) = best_bursts(Scene(**_OF_SWIFT, **parts))
     assert not still.moves
     assert len(best_bursts(SWIFT)) == 2
+
+
+def test_a_camera_that_turns_needs_no_stage():
+    """Frames that follow one-way things without one are an option of their own."""
+    limits = Limits(
+        max_stroke=25.0, max_half_exposure=0.025, max_acceleration=2e6, pans="camera", max_pan=900.0
+    )
+    burst = BurstMode(frames_per_s=30, max_frames=2)
+    scene = Scene([410.0, 610.0, 810.0], photon_rate=8e4, read_noise=6, limits=limits, burst=burst)
+    rows = sorted(rows_of_bursts(*best_bursts(scene)), key=lambda row: row.psnr)
+    assert [row.parts - {FRAMES} for row in rows] == [set(), {TURNS}, {STAGE, TURNS}]
+    seen_from_it = Scene(
+        [-200.0, 0.0, 200.0], photon_rate=8e4, read_noise=6, limits=limits, burst=burst
+    )
+    assert rows[1].psnr == pytest.approx(best_still_burst(seen_from_it).psnr, abs=0.02)
+    assert rows[0].psnr < rows[1].psnr - 3 < rows[2].psnr - 4
 
 
 @pytest.mark.parametrize("decoder", ["unknown", "found"])

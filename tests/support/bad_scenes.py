@@ -44,6 +44,11 @@ LINES = {
         "`[light]` must hold known keys only (photon_rate_per_s, white_e, white_ms,",
     ),
     "unknown-section": ("[light]", "[lihgt]", "perhaps `[light]`; got 'lihgt'"),
+    "section-of-no-file": (
+        "[light]",
+        "[camera]",
+        "known keys only (speeds, light, sensor, view, oc",
+    ),
     "section-twice": ("[light]", "[speeds]", "must be a TOML file; got: Cannot declare"),
     "not-toml": ("[light]", "[light", "must be a TOML file; got: "),
     "brackets-without-end": (_SPEEDS, "a = " + "[" * 5000, "must be a TOML file; got: brackets "),

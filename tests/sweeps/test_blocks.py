@@ -260,8 +260,12 @@ def test_a_search_tells_its_points_before_their_block_is_whole():
     assert told == [0, 1, 2, 3]
 
 
-def test_a_bar_moves_by_each_shutter_and_names_the_points_of_the_block(monkeypatch):
-    """Of 15 points in three blocks, of which each is measured behind two shutters."""
+@pytest.mark.parametrize("optimise", [False, True])
+def test_a_bar_names_the_points_and_the_shutter_that_it_is_at(monkeypatch, optimise):
+    """Of four points in two blocks, of which each is measured behind two shutters, then searched.
+
+    A new name is a sign of life: no reason for a silence follows it.
+    """
     told: list[tuple[int, str]] = []
 
     @contextmanager
@@ -269,8 +273,14 @@ def test_a_bar_moves_by_each_shutter_and_names_the_points_of_the_block(monkeypat
         yield lambda done, name: told.append((done, name))
 
     monkeypatch.setattr("mishutter.sweeps.run.counts", counts)
-    monkeypatch.setattr("mishutter.sweeps.grid.Grid.block_shape", (5, 1))
-    axes = {"accelerations": [0.0, 3e4, 9e4, 1e5, 2e5], "half_exposures": [1e-3, 3.1e-3, 7e-3]}
-    sweep(SCENE, **axes, shutters=SHUTTERS, metrics="efficiency", progress=True)
-    names = ["points 1 to 5"] * 3 + ["points 6 to 10"] * 3 + ["points 11 to 15"] * 3 + [""]
-    assert told == list(zip([0, 2, 5, 5, 7, 10, 10, 12, 15, 15], names, strict=True))
+    monkeypatch.setattr("mishutter.sweeps.blocks.num_threads", lambda _: 1)
+    monkeypatch.setattr("mishutter.sweeps.grid.Grid.block_shape", (2, 1))
+    axes: dict[str, Any] = {"accelerations": [1e4, 2e4], "half_exposures": [3.1e-3, 7e-3]}
+    search: dict[str, Any] = {"optimise": True, "max_steps": 1} if optimise else {}
+    sweep(LOPSIDED, **axes, **search, shutters=SHUTTERS, metrics="efficiency", progress=True)
+    first, second = SHUTTERS
+    steps = [(0, ""), (0, f", {first}"), (0 if optimise else 1, f", {second}")]
+    steps += [(done, ", optimised") for done in (0, 1, 2) if optimise]
+    expected = [(done, f"points 1 to 2{name}") for done, name in steps]
+    expected += [(2 + done, f"points 3 to 4{name}") for done, name in steps]
+    assert told == [*expected, (4, "")]

@@ -25,16 +25,13 @@ _SLOPE_NOISE = 1 / (8 * np.pi)
 """Variance of a slope by noise of unit variance, under a Gaussian of 1 px."""
 
 
-def refine_velocity(
-    arrangement: Arrangement, number: int, lights: Lights | None, num_steps: int = 8
-) -> None:
+def refine_velocity(arrangement: Arrangement, number: int, lights: Lights | None) -> None:
     """Moves a thing's velocity to where the frames along it differ least.
 
     Args:
         arrangement: The things.
         number: That of the thing.
         lights: Light of the layers, by which the outline tells; None for what is within it alone.
-        num_steps: Number of steps.
     """
     stills, thing = arrangement.stills, arrangement.things[number]
 
@@ -44,7 +41,7 @@ def refine_velocity(
 
     prior = Prior(thing.first, thing.uncertainty, stills.moves)
     furthest = float(np.max(np.abs(stills.times)))
-    found = refined(thing.velocity, told_at, prior, furthest, num_steps)
+    found = refined(thing.velocity, told_at, prior, furthest)
     thing.velocity, thing.covariance = found
 
 

@@ -112,9 +112,10 @@ class AbstractPiecewiseShutter(AbstractShutter):
     """Whether `breakpoints` of known parameters compiles nothing, and `piece_transmittance` takes
     and gives NumPy's arrays where its offsets are such. The default is False."""
 
-    @abstractmethod
     def dtype(self) -> np.dtype | None:
         """Precision of the parameters; None for a shutter without any."""
+        arrays = [x for x in jax.tree.leaves(self) if hasattr(x, "dtype")]
+        return np.dtype(arrays[0].dtype) if arrays else None
 
     @abstractmethod
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
@@ -308,10 +309,6 @@ class SampledShutter(AbstractPiecewiseShutter):
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         return self.shutter.transmittance(tau)
-
-    def dtype(self) -> np.dtype | None:
-        arrays = [x for x in jax.tree.leaves(self.shutter) if hasattr(x, "dtype")]
-        return np.dtype(arrays[0].dtype) if arrays else None
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         uniform, places = uniform_breakpoints(_NUM_PIECES, dtype), self.shutter.discontinuities()

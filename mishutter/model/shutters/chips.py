@@ -68,9 +68,6 @@ class ChippedShutter(AbstractAdjustableShutter):
         value = self.transmittances.astype(tau.dtype)[chip]
         return within_exposure(tau, value)
 
-    def dtype(self) -> np.dtype | None:
-        return np.dtype(self.transmittances.dtype)
-
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(self.transmittances.size, dtype)
 

@@ -46,9 +46,6 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         value = polynomial(powers, (tau - ends[piece]) / self._lengths()[piece] - 0.5)
         return within_exposure(tau, jnp.clip(value, 0, 1))
 
-    def dtype(self) -> np.dtype | None:
-        return np.dtype(self.powers.dtype)
-
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return self.ends.astype(dtype)
 

@@ -119,9 +119,6 @@ class SplineShutter(AbstractAdjustableShutter):
         value = bernstein_value(split_control(control[piece]), position - piece.astype(tau.dtype))
         return within_exposure(tau, within_unit(value))
 
-    def dtype(self) -> np.dtype | None:
-        return np.dtype(self.parameters.dtype)
-
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
 

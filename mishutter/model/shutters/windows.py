@@ -53,9 +53,6 @@ class RectShutter(AbstractPiecewiseShutter):
         tau = as_float(tau)
         return within_exposure(tau, jnp.ones_like(tau))
 
-    def dtype(self) -> np.dtype | None:
-        return None
-
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
 
@@ -78,9 +75,6 @@ class HannShutter(AbstractPiecewiseShutter):
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
         return within_exposure(tau, jnp.sin((jnp.pi / 2) * (1 - jnp.abs(tau))) ** 2)
-
-    def dtype(self) -> np.dtype | None:
-        return None
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
@@ -105,9 +99,6 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
         return within_exposure(tau, 1 - jnp.abs(tau))
-
-    def dtype(self) -> np.dtype | None:
-        return None
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
@@ -154,9 +145,6 @@ class GaussianShutter(AbstractAdjustableShutter):
     def _profile(self, tau: Alike) -> Alike:
         sigma = as_array_like(tau, self.sigma)
         return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
-
-    def dtype(self) -> np.dtype | None:
-        return np.dtype(self.sigma.dtype)
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
@@ -211,9 +199,6 @@ class TukeyShutter(AbstractAdjustableShutter):
         taper = self.taper.astype(tau.dtype)
         ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / above_zero(taper), 1)) ** 2
         return within_exposure(tau, jnp.where(depth >= taper, 1.0, ramp))
-
-    def dtype(self) -> np.dtype | None:
-        return np.dtype(self.taper.dtype)
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         (taper,) = as_numpy(self.taper)

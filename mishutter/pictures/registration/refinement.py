@@ -98,7 +98,7 @@ def refined(
     told_at: Callable[[np.ndarray], Told],
     prior: Prior,
     furthest: float,
-    num_steps: int,
+    num_steps: int = 8,
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
     """A velocity moved to where the frames along it differ least, and its covariance.
 

@@ -28,8 +28,6 @@ _MARGIN = 2
 """Pixels at the border that splines do not reach without invention."""
 UNCERTAIN = 1.0
 """Error of a velocity that is refined, over the frames; px."""
-_STEPS = 8
-"""Steps by which it is refined, at most."""
 ROBUST = 9.0
 """Square of a residual, in variances of noise, from which on it counts as something hidden."""
 
@@ -252,7 +250,7 @@ class Region(NamedTuple):
 
         reach = max(float(np.max(np.abs(times))), 1e-12)
         prior = Prior(velocity, UNCERTAIN / reach)
-        found, covariance = refined(velocity, told_at, prior, reach, _STEPS)
+        found, covariance = refined(velocity, told_at, prior, reach)
         return found, covariance, residual
 
 
