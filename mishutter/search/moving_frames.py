@@ -57,7 +57,7 @@ _MOST = 64
 _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
 _STARTS_BY_ROWS = 5
-"""Of these those near which descents of the level by rows begin."""
+"""Ends among these near which descents of the level by rows begin."""
 
 
 @outside_trace()
