@@ -52,6 +52,10 @@ _AS_GOOD = 0.05
 """Decibels below the best at which a simpler way is preferred."""
 _FAR = 0.5
 """Decibels below the best at which an end is not judged: levels that are told differ by less."""
+_NEARLY_WITHIN = 1.01
+"""Share of the limits from which frames are slowed down rather than a camera turned."""
+_SPARED = 0.8
+"""Share of the stroke of a stage that is left to it where a camera turns for no other reason."""
 _MOST = 64
 """Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
@@ -168,17 +172,27 @@ class _Found:
 def _spared(scene: Scene, frames: Frames) -> Frames:
     """The frames with a camera that turns along with the mean of them, if the limits allow it.
 
-    The level knows nothing of who moves the sensor: the less the stage, the better.
+    The level knows nothing of who moves the sensor: the less the stage, the better. A camera that
+    spares it little does not turn.
     """
     most = float(scene.limits.max_pan)
-    pan = np.clip(np.mean(frames.velocity, axis=(0, 1)), -most, most)
-    stage = frames.velocity - pan
-    ways = frames.steps * np.sum(stage[:, 1:] + stage[:, :-1], axis=1) / 2
-    between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
-    place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
-    turned = frames._replace(pan=pan, place=place)
-    shares = [sequence_of(each, FREE).share_of(scene.limits) for each in (frames, turned)]
-    return turned if shares[1] < shares[0] else frames
+
+    def beside(pan: Float[np.ndarray, "axes"]) -> Frames:
+        stage = frames.velocity - pan
+        ways = frames.steps * np.sum(stage[:, 1:] + stage[:, :-1], axis=1) / 2
+        between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
+        place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
+        return frames._replace(pan=pan, place=place)
+
+    mean = np.clip(np.mean(frames.velocity, axis=(0, 1)), -most, most)
+    begins = np.concatenate([[0.0], np.cumsum(frames.exposure[:-1] + frames.gap)])
+    place = frames.place + begins[:, None] * frames.pan
+    every = frames._replace(pan=0 * mean, place=place), frames, beside(mean)
+    made = [sequence_of(each, FREE) for each in every]
+    shares = [each.share_of(scene.limits) for each in made]
+    best = 1 + int(shares[2] < shares[1])
+    spares = made[best].stroke < _SPARED * made[0].stroke
+    return every[best if spares or shares[0] > _NEARLY_WITHIN else 0]
 
 
 def _is_judged_on_sensor(scene: Scene) -> bool:

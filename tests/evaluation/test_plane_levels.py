@@ -194,6 +194,17 @@ def test_traced_frames_need_their_number_of_panels():
         jax.jit(lambda frames: exposures_psnr(scene, frames))(small())
 
 
+def test_an_exposure_over_which_things_pass_hundreds_of_px_has_a_level():
+    """Of which NumPy computes each radius alone; JAX computes all at once."""
+    law, grid = EvenVelocities(4000.0, 1000.0), Grid(2, 16, 64, 2)
+    scene = Scene.any_direction(law, photon_rate=3e4, read_noise=5.0)
+    velocities = np.random.default_rng(0).normal(0, 500.0, (2, 7))
+    frames = PlaneFrames(np.zeros(1), np.full(1, 0.2), np.full(6, 0.2 / 6), velocities)
+    level = float(exposures_psnr(scene, frames, grid=grid))
+    whole = jax.jit(lambda x: exposures_psnr(scene, x, grid=grid, num_panels=192))(frames)
+    assert float(whole) == pytest.approx(level, abs=1e-5)
+
+
 def test_a_scene_without_light_or_noise_has_a_level():
     """Darkness leaves the picture's variance; without noise no level is NaN."""
     dark = Scene.any_direction(1900.0, photon_rate=0.0, read_noise=9.0)

@@ -4,7 +4,9 @@ The random cameras share no formula with the package: their stage is late, its p
 time, and every step of their drive has an error of its own.
 """
 
+from collections import namedtuple
 from dataclasses import replace
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -29,6 +31,7 @@ from mishutter import (
     tolerance_costs,
 )
 from mishutter.blur.quadrature import exposure_quadrature
+from mishutter.evaluation import tolerances as module
 
 # Members of an ensemble and their weights; metrics hold only means over them.
 from mishutter.evaluation.ensembles import drive_variance, ensemble_of, ensemble_weights
@@ -36,6 +39,7 @@ from mishutter.evaluation.losses import value_of
 from mishutter.evaluation.response import spectra_of
 from mishutter.evaluation.tolerances import ToleranceCost, ToleranceCosts
 from mishutter.model.scene import in_sensor_frame
+from mishutter.model.tolerances import TOLERANCE_NAMES
 
 SHUTTER = TukeyShutter(0.6)
 LOOSE = Tolerances(
@@ -349,3 +353,24 @@ def test_the_largest_cost_is_that_of_one_tolerance():
     for rows in ((delay, scale, every), (scale, delay, every)):
         assert ToleranceCosts(31.0, rows).largest == delay
     assert ToleranceCosts(31.0, ()).largest is None
+
+
+def test_each_cost_is_of_its_tolerance_alone(monkeypatch):
+    """The last is of all of them; levels are 10 log10 of errors without, within, and unaware."""
+    view = namedtuple("view", "scene motion plan")
+    monkeypatch.setattr(module, "sampled_view", lambda scene, motion, *_: view(scene, motion, None))
+    monkeypatch.setattr(module, "Records", SimpleNamespace(of=lambda view: view.scene.tolerances))
+
+    def errors(scene, motion, own, without, plan):
+        assert without is None
+        total = sum(float(getattr(own, name)) > 0 for name in TOLERANCE_NAMES)
+        return 1e-3, 1e-3 * 2**total, 1e-3 * 3**total
+
+    monkeypatch.setattr(module, "_errors", errors)
+    costs = tolerance_costs(_with(LOOSE), MOTION, SHUTTER)
+    assert costs.expected_psnr == pytest.approx(30)
+    names = [name for name in TOLERANCE_NAMES if float(getattr(LOOSE, name)) > 0]
+    assert [row.name for row in costs.rows] == [*names, "all"]
+    for count, row in zip([*[1] * len(names), len(names)], costs.rows, strict=True):
+        assert row.cost == pytest.approx(10 * np.log10(2) * count)
+        assert row.unaware_cost == pytest.approx(10 * np.log10(3) * count)

@@ -461,8 +461,9 @@ def test_runs_of_a_switched_shutter_are_long_enough():
     [
         ([0.8, 0.1, 0.1, 0.1, 0.9, 0.9, 0.3], (3, 2), [1, 0, 0, 0, 1, 1, 1]),
         ([0.1, 0.1, 0.9, 0.9, 0.9, 0.2, 0.1, 0.7], (2, 5), [0, 0, 1, 1, 1, 0, 0, 0]),
+        ([0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0], (2, 3), [0, 1, 1, 0, 0, 0, 1, 1]),
     ],
-    ids=["open", "closed"],
+    ids=["open", "closed", "no longer than needed"],
 )
 def test_a_run_from_before_the_exposure_ends_when_it_likes(means, shortest, slots):
     """As a search has it, only runs that begin within the exposure are held."""

@@ -433,20 +433,26 @@ def test_an_answer_says_that_nothing_limits_the_acceleration_of_a_stage():
 
 @pytest.mark.slow
 def test_a_camera_without_a_stage_has_a_stroke_of_zero():
-    """No option then needs a stage, and the order for frames of two exposures reads as one."""
+    """No option then needs a stage."""
     rows = Limits(max_stroke=0.0)
     assert float(rows.max_stroke) == LEAST_STROKE
     scene = replace(BURST, limits=replace(SCENE.limits, max_stroke=0.0))
     design = optimise(scene, num_coefficients=4, num_starts=1, max_steps=20)
     needs = {need for row in compare(scene, design).options for need in row.needs}
     assert "stage" not in needs
-    halves = [0.00355] * 3 + [0.0002] * 2
+
+
+def test_stills_are_ordered_without_a_stage_where_there_is_none():
+    """One exposure, and frames of two exposures, which read as one."""
+    rows, halves = Limits(max_stroke=0.0), [0.00355] * 3 + [0.0002] * 2
     frames = [TimedFrame(StillCamera(half_exposure=x), 0.01 * k) for k, x in enumerate(halves)]
     stills = Exposures("stills", tuple(frames), 0.0, 31.0, 30.0)
     assert order_at_rest(stills, Limits(max_stroke=0.7)) == (
         "5 frames, 3 of 7.1 and 2 of 0.4 ms, and keep the stage still"
     )
     assert order_at_rest(stills, rows) == "5 stills, 3 of 7.1 and 2 of 0.4 ms"
+    one = Exposures("stills", (TimedFrame(StillCamera(half_exposure=3.55e-3), 0.0),))
+    assert order_at_rest(one, rows) == "one exposure at rest of 7.1 ms"
 
 
 @pytest.mark.parametrize(

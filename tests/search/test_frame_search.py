@@ -28,9 +28,12 @@ from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import Descent, End, Search, changed, one_by_one, reordered
 from mishutter.search.frame_ties import (
+    ALTERNATING,
     BRACKETED,
     CIRCLE,
+    FOLLOW,
     FREE,
+    PAN,
     RING,
     STILLS,
     SWEEP,
@@ -256,6 +259,34 @@ def test_ever_fewer_frames_are_tried_while_they_are_as_good(
     assert seen == tried
     assert [end.level for end in ends] == [levels_of(count) for count in tried]
     np.testing.assert_allclose(shares, 1 - np.array(tried) / 17)
+
+
+def test_free_frames_begin_with_flights_back_and_with_one_long_exposure(levels, room, monkeypatch):
+    """And with the best of the other ways; frames at rest are in the middle of the stroke."""
+    ties = [STILLS, SWEEP, BRACKETED, ALTERNATING, FOLLOW, PAN]
+    shape, starts = Shape(3, 2, 1), []
+
+    def ties_of(shape):
+        return [Tie(kind, room, shape, -700.0, 2400.0, np.ones(1), np.zeros(1)) for kind in ties]
+
+    def best(self, tie):
+        return End(tie.kind, _frames(3, 2, seed=ties.index(tie.kind)), 20.0 - ties.index(tie.kind))
+
+    def free(self, frames):
+        starts.append(float(frames.gap[0]))
+        return End(FREE, frames, 25.0)
+
+    monkeypatch.setattr(Descent, "best", best)
+    monkeypatch.setattr(Descent, "free", free)
+    monkeypatch.setattr(frame_search, "shaken", lambda frames, *_: frames)
+    search = Search(levels, room, ties_of, lambda count: 2, lambda count: (), True)
+    ends = search._of_number(3)
+    assert [end.kind for end in ends] == [*ties, *[FREE] * 4]
+    begun = [ties.index(kind) for kind in (PAN, FOLLOW, BRACKETED, STILLS)]
+    assert starts == [_frames(3, 2, seed=seed).gap[0] for seed in begun]
+    at_rest = ties_of(shape)[2].frames(np.array([0.5, 0.0, 0.5, 0.5]))
+    np.testing.assert_array_equal(at_rest.place, np.full((3, 1), room.stroke / 2))
+    assert not at_rest.velocity.any()
 
 
 # ---- levels of paths --------------------------------------------------------------------------

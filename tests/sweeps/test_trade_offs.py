@@ -1,5 +1,7 @@
 """What a sweep says of its scene: fronts, best points, gains, and the known results."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from mishutter import (
     Sensor,
     StillCamera,
     Texture,
+    Tolerances,
     TukeyShutter,
     best_points,
     evaluate,
@@ -487,3 +490,20 @@ def test_gains_are_by_the_sweeps_own_decoder(name):
     assert gain == pytest.approx(own - best[level].item(), abs=1e-9)
     over = gain_over(found, "rect").sel(shutter="Hann").item()
     assert over == pytest.approx(own - found[level].sel(shutter="rect").item(), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("level", "is_kept"), [("expected_psnr", False), ("toleranced_psnr", True)]
+)
+def test_snapshots_are_judged_within_tolerances_where_their_level_is(monkeypatch, level, is_kept):
+    """By others as a camera without errors."""
+    scenes = []
+
+    def searched(search):
+        scenes.append(search.scene)
+        raise InterruptedError
+
+    monkeypatch.setattr("mishutter.sweeps.trade_offs.snapshots", searched)
+    with pytest.raises(InterruptedError):
+        best_snapshots(replace(SCENE, tolerances=Tolerances(speed=90.0)), level=level)
+    assert [scene.tolerances is not None for scene in scenes] == [is_kept]
