@@ -54,7 +54,7 @@ from mishutter.model.sensor import noise_of_frames
 from mishutter.model.sequences import AT_REST, Frames, Lights, frames_in
 from mishutter.model.velocities import Components
 
-_DELAYS = 5
+DELAYS = 5
 """Rows that stand for all of those that are exposed one after another."""
 _AT_ONCE = 2**20
 """Waves of an exposure that NumPy computes at a time."""
@@ -130,7 +130,7 @@ def rows_of(
     _require_some(frames, caller)
     path = path_for_rows(scene, exposures)
     way = path.top_speed * float(np.max(np.asarray(path.exposures)))
-    x, weight = np.polynomial.legendre.leggauss(_DELAYS if way >= AT_REST else 1)
+    x, weight = np.polynomial.legendre.leggauss(DELAYS if way >= AT_REST else 1)
     return [
         (share, instants_of(scene, path, caller, lights, num_panels, delay=delay))
         for delay, share in zip((x * readout / 2).tolist(), (weight / 2).tolist(), strict=True)

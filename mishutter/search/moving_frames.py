@@ -11,9 +11,8 @@ from mishutter._core.checks import require_known
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes
-from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import in_parts, psnr_of_error, rows_of
-from mishutter.evaluation.sequences import decibels_over, loss_of_width
+from mishutter.evaluation.sequences import loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model.exposures import Exposures, path_for_rows
 from mishutter.model.motion import (
@@ -28,13 +27,15 @@ from mishutter.model.sequences import SINE, TimedFrame
 from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_search import End, Search, within
+from mishutter.search.frame_rows import RowLevels, errors_by_rows
+from mishutter.search.frame_search import Descent, End, Search, shaken, within
 from mishutter.search.frame_ties import (
     ALTERNATING,
     BRACKETED,
     FAN,
     FOLLOW,
     FREE,
+    MOST_FREE,
     PAN,
     STILLS,
     SWEEP,
@@ -51,10 +52,16 @@ _AS_GOOD = 0.05
 """Decibels below the best at which a simpler way is preferred."""
 _FAR = 0.5
 """Decibels below the best at which an end is not judged: levels that are told differ by less."""
+_NEARLY_WITHIN = 1.01
+"""Share of the limits from which frames are slowed down rather than a camera turned."""
+_SPARED = 0.8
+"""Share of the stroke of a stage that is left to it where a camera turns for no other reason."""
 _MOST = 64
 """Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
+_STARTS_BY_ROWS = 5
+"""Ends among these near which descents of the level by rows begin."""
 
 
 @outside_trace()
@@ -105,7 +112,7 @@ def best_moving_burst(
     levels, is_free = Levels.on_axis(scene), limits.moves and limits.max_jerk is None
     search = Search(levels, room, ties, _pieces, followed, is_free)
     found = _judged(scene, search.ends(counts, progress))
-    return _chosen(scene, found) if found else None
+    return _chosen(scene, found, search) if found else None
 
 
 def _judged(scene: Scene, ends: list[End]) -> list["_Found"]:
@@ -133,6 +140,7 @@ class _Found:
 
     sequence: Exposures
     level: float  # dB
+    frames: Frames  # As the search has them
 
     @staticmethod
     def of(scene: Scene, end: End) -> "_Found | None":
@@ -144,7 +152,16 @@ class _Found:
         if sequence is None:
             return None
         # Ends are judged by the level that is told, at the scene's own speeds.
-        return _Found(sequence, levels_of(scene, sequence.along)[0])
+        return _Found(sequence, levels_of(scene, sequence.along)[0], end.frames)
+
+    def on_sensor(self, scene: Scene) -> "_Found":
+        """These with the level by the scene's rows, and on a sensor of its width."""
+        width, level = scene.registered_width, self.level
+        if self.sequence.moves and scene.sensor.is_rolling:
+            level = _levels_by_rows(scene, self.sequence)[0]
+        if width is not None and self.sequence.num_frames > 1:
+            level -= loss_of_width(scene, self.sequence, width=width)
+        return replace(self, level=level)
 
     @property
     def order(self) -> tuple[int, float]:
@@ -155,17 +172,27 @@ class _Found:
 def _spared(scene: Scene, frames: Frames) -> Frames:
     """The frames with a camera that turns along with the mean of them, if the limits allow it.
 
-    The level knows nothing of who moves the sensor: the less the stage, the better.
+    The level knows nothing of who moves the sensor: the less the stage, the better. A camera that
+    spares it little does not turn.
     """
     most = float(scene.limits.max_pan)
-    pan = np.clip(np.mean(frames.velocity, axis=(0, 1)), -most, most)
-    stage = frames.velocity - pan
-    ways = frames.steps * np.sum(stage[:, 1:] + stage[:, :-1], axis=1) / 2
-    between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
-    place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
-    turned = frames._replace(pan=pan, place=place)
-    shares = [sequence_of(each, FREE).share_of(scene.limits) for each in (frames, turned)]
-    return turned if shares[1] < shares[0] else frames
+
+    def beside(pan: Float[np.ndarray, "axes"]) -> Frames:
+        stage = frames.velocity - pan
+        ways = frames.steps * np.sum(stage[:, 1:] + stage[:, :-1], axis=1) / 2
+        between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
+        place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
+        return frames._replace(pan=pan, place=place)
+
+    mean = np.clip(np.mean(frames.velocity, axis=(0, 1)), -most, most)
+    begins = np.concatenate([[0.0], np.cumsum(frames.exposure[:-1] + frames.gap)])
+    place = frames.place + begins[:, None] * frames.pan
+    every = frames._replace(pan=0 * mean, place=place), frames, beside(mean)
+    made = [sequence_of(each, FREE) for each in every]
+    shares = [each.share_of(scene.limits) for each in made]
+    best = 1 + int(shares[2] < shares[1])
+    spares = made[best].stroke < _SPARED * made[0].stroke
+    return every[best if spares or shares[0] > _NEARLY_WITHIN else 0]
 
 
 def _is_judged_on_sensor(scene: Scene) -> bool:
@@ -173,15 +200,30 @@ def _is_judged_on_sensor(scene: Scene) -> bool:
     return scene.registered_width is not None or scene.sensor.is_rolling
 
 
-def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
+def _by_rows(scene: Scene, found: list[_Found], search: Search) -> list[_Found]:
+    """Ends of descents of the level by rows, from near the best by it."""
+    readout, draw, ends = scene.sensor.readout_time, np.random.default_rng(1), []
+    free = [
+        each for each in found if each.sequence.moves and each.frames.exposure.size <= MOST_FREE
+    ]
+    for each in sorted(free, key=lambda each: -each.level)[:_STARTS_BY_ROWS]:
+        count, knots, axes = each.frames.velocity.shape
+        goes_on = each.sequence.for_rows(readout, scene.limits).along.lead > 0
+        rows = RowLevels(search.levels, search.room, readout, goes_on)
+        descent = Descent(search.levels, search.room, Shape(count, knots - 1, axes), rows)
+        ends.append(descent.free(shaken(each.frames, draw, search.room, 0.01)))
+    judged = (_Found.of(scene, end) for end in ends if end is not None)
+    return [each.on_sensor(scene) for each in judged if each is not None]
+
+
+def _chosen(scene: Scene, found: list[_Found], search: Search) -> Exposures:
     """The simplest frames of those that are as good as the best on the scene's sensor."""
     if _is_judged_on_sensor(scene):
         # Frames that are as good without an end differ by some decibels on a narrow sensor.
         found = sorted(found, key=lambda each: -each.level)[:_ON_SENSOR]
-        losses = (_loss(scene, each.sequence) for each in found)
-        found = [
-            replace(each, level=each.level - loss) for each, loss in zip(found, losses, strict=True)
-        ]
+        found = [each.on_sensor(scene) for each in found]
+    if scene.sensor.is_rolling and search.is_free:
+        found += _by_rows(scene, found, search)
     top = max(each.level for each in found)
     near = [each for each in found if each.level >= top - _AS_GOOD]
     best = min(near, key=lambda each: each.order).sequence
@@ -191,18 +233,6 @@ def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     if best.moves and scene.sensor.is_rolling:
         psnr, worst = _levels_by_rows(scene, best)
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
-
-
-def _loss(scene: Scene, sequence: Exposures) -> float:
-    """Decibels that frames lose on a sensor of the scene's width, and by its rows."""
-    width, lost = scene.registered_width, 0.0
-    if width is not None and sequence.num_frames > 1:
-        lost += loss_of_width(scene, sequence, width=width)
-    if sequence.moves and scene.sensor.is_rolling:
-        levels, path = Levels.on_axis(scene), path_for_rows(scene, sequence)
-        together = float(np.sum(levels.errors_at(Instants.of(path, scene.max_speed))))
-        lost += decibels_over(float(np.sum(_errors_by_rows(scene, sequence, levels))), together)
-    return lost
 
 
 def loss_untold(scene: Scene, sequence: Exposures) -> tuple[float, float]:
@@ -222,6 +252,9 @@ def loss_untold(scene: Scene, sequence: Exposures) -> tuple[float, float]:
 
 def _errors_by_rows(scene: Scene, sequence: Exposures, levels: Levels) -> Float[np.ndarray, "m l"]:
     """Errors of frames in the mean over rows that are exposed one after another."""
+    path = path_for_rows(scene, sequence)
+    if path.jerks is None:
+        return errors_by_rows(levels, path, scene.sensor.readout_time)
     rows = rows_of(scene, sequence, "best_moving_burst")
     return sum((share * levels.errors_at(each) for share, each in rows), np.zeros(()))
 

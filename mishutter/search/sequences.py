@@ -45,7 +45,8 @@ def best_bursts(
     if not scene.is_found_by_object:
         found.append(best_moving_burst(scene, progress=progress))
         if limits.pans == "camera" and limits.moves and float(limits.max_pan) > 0:
-            found.append(best_moving_burst(replace(scene, limits=replace(limits, max_stroke=0.0))))
+            alone = best_moving_burst(replace(scene, limits=replace(limits, max_stroke=0.0)))
+            found += [alone] if alone is not None and alone.moves else []
     return tuple(with_losses(scene, each) for each in found if each is not None)
 
 

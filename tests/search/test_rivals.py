@@ -274,6 +274,9 @@ def test_a_camera_that_turns_needs_no_stage():
     )
     assert rows[1].psnr == pytest.approx(best_still_burst(seen_from_it).psnr, abs=0.02)
     assert rows[0].psnr < rows[1].psnr - 3 < rows[2].psnr - 4
+    both_ways = replace(seen_from_it, speeds=[-900.0, 0.0, 900.0])
+    _, *moving = best_bursts(both_ways)
+    assert [each.pan for each in moving] == [0]
 
 
 @pytest.mark.parametrize("decoder", ["unknown", "found"])
