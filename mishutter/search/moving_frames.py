@@ -23,7 +23,7 @@ from mishutter.model.motion import (
     StillCamera,
 )
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import SINE, TimedFrame
+from mishutter.model.sequences import SINE, TimedFrame, height_of_sine
 from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
@@ -298,6 +298,11 @@ def sequence_of(frames: Frames, kind: str) -> Exposures:
         motion, of_stage = (_motion(x, float(half)) for x in (velocity, velocity - pan))
         begin = float(place) - float(frames.place[0, 0])
         every.append(TimedFrame(motion, time, begin - place_at_begin(of_stage) + pan * time))
+    if kind == SINE:
+        # The stage goes on along it, not straight, between frames.
+        turns = 2 * height_of_sine(every[0].motion, middles[1] - middles[0])
+        pans = ((x, float(x.motion.velocity) * x.time) for x in every)
+        every = [replace(x, position=way + k % 2 * turns) for k, (x, way) in enumerate(pans)]
     first = every[0].position
     moved = (TimedFrame(x.motion, x.time, x.position - first) for x in every)
     return Exposures(kind, tuple(moved), 0.0, 0.0, 0.0, pan)
