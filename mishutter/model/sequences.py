@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import final, overload
+from typing import NamedTuple, final, overload
 
 import equinox as eqx
 import jax
@@ -47,6 +47,8 @@ Lights = list[tuple[float, float]]
 """First and last light of exposures; s."""
 SINE = "sine"
 """Kind of a sequence whose stage follows a sine between its frames too."""
+_PIECES_OF_SINE = 16
+"""Pieces of constant jerk from one turning point of a sine to the next."""
 SINGLE = 1e-5
 """Share of a number below which it is one of rounding, in single precision."""
 _DIRECTIONS = np.arange(16) * np.pi / 16
@@ -338,7 +340,8 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
 
     Attributes:
         frames: The frames.
-        is_sine: Whether the stage follows a sine between them too.
+        is_sine: Whether the stage follows a sine through them, and all move: they are at equal
+            times, about its turning points.
         lead: Time for which the way goes on before the first light and after the last, for rows
             that are exposed earlier and later; s.
     """
@@ -475,8 +478,9 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
         r"""The whole path of the stage: rest, run-up, frames, run-out, rest.
 
         Between frames the stage follows the gentlest `transfer` of a ramp, a coast and a ramp that
-        takes no more travel than those at the greatest acceleration. Between frames on a sine it
-        follows that, and to one that moves it runs up from one at rest as late as it can.
+        takes no more travel than those at the greatest acceleration. To one that moves it runs up
+        from one at rest as late as it can. On a sine it follows that from the first light to the
+        last, by a cubic spline.
 
         Args:
             limits: Those of the stage. Without one of its acceleration or its jerk the acceleration
@@ -564,10 +568,6 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
                     )
                 ):
                     pieces += late
-                elif self.is_sine and np.any(own.velocities):
-                    pan = float(frame.motion.velocity)
-                    half = frame.exposure / 2
-                    pieces += along_sine(way, gap, start - pan, half, pan=pan, end=end)
                 else:
                     near = None if span is None else (span[0] - places[1], span[1] - places[1])
                     scale = sum(float(np.ptp(each.positions)) for each in (own, other))
@@ -582,6 +582,8 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
                 rates = float(way.accelerations[0]), float(way.accelerations[-1])
             return way.from_rest_to_rest(rates, most, jerk)
 
+        if (sine := self._sine) is not None:
+            return self._along(sine, most, jerk)
         if len(self) == 1:
             return whole(None)
         if most is None:
@@ -597,6 +599,53 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
         begin = ends[0][0] - float(steepest.positions[steepest.first])
         margin = 1e-9 * (high - low)
         return whole((low + begin - margin, high + begin + margin))
+
+    @cached_property
+    def _sine(self) -> "_Sine | None":
+        """The sine of the first frame, where others are no farther off than stills may move."""
+        if not self.is_sine or any(self.rests) or len(self) == 1:
+            return None
+        times, places, halves = self._numbers
+        motion, period = self.frames[0].motion, float(times[-1] - times[0]) / (len(self) - 1)
+        sine = _Sine(float(motion.velocity), height_of_sine(motion, period), math.pi / period)
+        lit = times[:, None] + halves[:, None] * np.array([-1.0, 0.0, 1.0])
+        off = self.place(lit)[0] - places[0] - sine.place(lit - times[0])
+        return sine if np.max(abs(off)) < AT_REST else None
+
+    def _along(self, sine: "_Sine", most: float | None, jerk: float | None) -> Knots:
+        """The way on a sine through all frames, a cubic spline, from rest to rest."""
+        from scipy.interpolate import CubicSpline
+
+        begin, end = -self.frames[0].exposure / 2, self.frames[-1].exposure / 2
+        end += float(self.frames[-1].time - self.frames[0].time)
+        num_lit = _PIECES_OF_SINE * len(self)
+        num_led = math.ceil(self.lead / (end - begin) * num_lit)
+        ends = pairwise([begin - self.lead, begin, end, end + self.lead])
+        each = zip(ends, (num_led, num_lit, num_led), strict=True)
+        times = [np.linspace(*span, count, endpoint=False) for span, count in each]
+        times = np.append(np.concatenate(times), end + self.lead)
+        clamped = [(1, sine.velocity(time)) for time in (times[0], times[-1])]
+        spline = CubicSpline(times, sine.place(times), bc_type=clamped)  # type: ignore[arg-type]
+        lit = num_led, num_led + num_lit
+        knots = Knots(np.diff(times), spline(times, 1), 6 * spline.c[0], *lit)
+        start, stop = spline(times[[0, -1]], 2).tolist()
+        return knots.from_rest_to_rest((start, stop), most, jerk)
+
+
+class _Sine(NamedTuple):
+    """The way from a turning point on a sine, beside a constant velocity."""
+
+    pan: float  # That velocity; px/s
+    height: float  # Half of the way between its turning points; px
+    turn: float  # Its phase in a second
+
+    def place(self, time: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Places, px, some times after the turning point, s."""
+        return self.pan * time + self.height * (1 - np.cos(self.turn * time))
+
+    def velocity(self, time: float) -> float:
+        """The velocity, px/s, a time after the turning point, s."""
+        return self.pan + self.height * self.turn * math.sin(self.turn * time)
 
 
 PlaneFrames = FramePath
@@ -633,22 +682,15 @@ def from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piec
     return None
 
 
-def along_sine(
-    way: float, gap: float, speed: float, half: float, *, pan: float, end: float
-) -> list[Piece]:
-    """On from a frame along the sine about whose turning points the frames are."""
-    # The frames end at the same speed on both sides of the fastest point.
-    steps = sine_between(half, gap) * speed
-    step = gap / (steps.size + 1)
-    share = ((way - pan * gap) - step * speed) / (step * np.sum(steps))
-    return [*(Piece(step, pan + share * each) for each in steps), Piece(step, end)]
+def height_of_sine(motion: AbstractMotion, period: float) -> float:
+    r"""The number $A$ of the sine on which a frame is, about a turning point at mid-exposure; px.
 
+    The way from there is $vt + A\,(1 - \cos(\pi t/P))$. The pieces of the frame meet on it.
 
-def sine_between(half: float, gap: float) -> Float[np.ndarray, "n"]:
-    """Velocities at equal steps between two frames about the turning points of a sine.
-
-    They are over the velocity at the ends of the frames.
+    Args:
+        motion: Motion of the frame, whose velocity at mid-exposure is $v$.
+        period: Time to the next frame, which turns the other way, $P$; s.
     """
-    period, num_pieces = gap + 2 * half, 32
-    times = half + gap * np.arange(1, num_pieces) / num_pieces
-    return np.sin(np.pi * times / period) / np.sin(np.pi * half / period)
+    half = float(motion.half_exposure)
+    bend = place_at_begin(motion) + float(motion.velocity) * half
+    return bend / (1 - math.cos(math.pi * half / period))

@@ -457,14 +457,7 @@ def transfer(
     aside = 2 * (way - gap * (end + start) / 2)
     if abs(aside) <= _SINGLE * max(scale, abs(way) + gap * max(abs(start), abs(end))):
         return [Piece(gap, end)]
-    least = (abs(aside) + math.hypot(aside, gap * (end - start))) / gap**2
-    sign = math.copysign(1.0, aside)
-    if top_speed is not None:
-        peak = (start + end + sign * least * gap) / 2
-        spare = top_speed * gap - sign * way
-        if abs(peak) > top_speed and spare > 0:
-            squares = (top_speed - sign * start) ** 2 + (top_speed - sign * end) ** 2
-            least = max(least, squares / (2 * spare))
+    least = float(gentlest(way, gap, start, end, top_speed)[0])
 
     def pieces(most: float) -> list[Piece]:
         q = _coasting(way, gap, start, end, most)
@@ -484,6 +477,26 @@ def transfer(
         middle = math.sqrt(low * high)
         low, high = (middle, high) if leaves(middle) else (low, middle)
     return pieces(high)
+
+
+def gentlest(
+    way: Number,  # px
+    gap: Number,  # s
+    start: Number,  # px/s
+    end: Number,  # px/s
+    top_speed: float | None = None,  # px/s
+) -> tuple[np.ndarray, np.ndarray]:
+    """The least acceleration of a `transfer`, and the velocity between its ramps; of any shape."""
+    aside, most = 2 * (way - gap * (end + start) / 2), math.inf if top_speed is None else top_speed
+    sign = np.copysign(1.0, aside)
+    least = (abs(aside) + np.hypot(aside, gap * (end - start))) / gap**2
+    peak = (start + end + sign * least * gap) / 2
+    spare = most * gap - sign * way
+    coasts = (abs(peak) > most) & (spare > 0)
+    top = np.where(coasts, most, 0.0)
+    squares = (top - sign * start) ** 2 + (top - sign * end) ** 2
+    steeper = np.maximum(least, squares / (2 * np.where(coasts, spare, 1.0)))
+    return np.where(coasts, steeper, least), np.where(coasts, sign * top, peak)
 
 
 def _coasting(way: float, gap: float, start: float, end: float, most: float) -> float:

@@ -189,8 +189,7 @@ class Levels(NamedTuple):
         # Derivatives by the summed gain, and by the power of each frame.
         by_gain = -left * signal / over
         by_power = gain[:, None, None] * by_gain
-        ends = (np.asarray(self.light.gains(exposure * x)) for x in (1 + _SHIFT, 1 - _SHIFT))
-        by_exposure = np.subtract(*ends) / (2 * _SHIFT) * np.sum(by_gain * power, axis=(1, 2))
+        by_exposure = self.gain_slope(exposure) * np.sum(by_gain * power, axis=(1, 2))
         turned = 2 * whole.conj() * by_power
         by_velocity = np.zeros(frames.velocity.shape)
         for phase in phases:
@@ -202,6 +201,11 @@ class Levels(NamedTuple):
         scale = 10 / np.log(10) / max(error, np.finfo(float).tiny)
         by_velocity *= frames.steps[..., None]
         return -psnr_of_error(error), scale * by_exposure / exposure, scale * by_velocity
+
+    def gain_slope(self, exposure: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """Derivative of the gain of each frame by the logarithm of its exposure."""
+        ends = (np.asarray(self.light.gains(exposure * x)) for x in (1 + _SHIFT, 1 - _SHIFT))
+        return np.subtract(*ends) / (2 * _SHIFT)
 
     def _responses(self, frames: Frames) -> tuple[Complex[np.ndarray, "n m l"], list["_Phase"]]:
         """Responses of the frames, and the phases that they follow from."""

@@ -23,6 +23,7 @@ from mishutter.model.limits import Limits
 from mishutter.model.sequences import SINE
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_rows import RowLevels
 from mishutter.search.frame_ties import BRACKETED, FOLLOW, FREE, MOST_FREE, PAN, Numbers, Tie
 
 _BEYOND = 1.05
@@ -63,6 +64,7 @@ class Descent(NamedTuple):
     levels: Levels
     room: Room
     shape: Shape
+    rows: RowLevels | None = None  # Where the error is the mean over rows
 
     def free(self, start: Frames) -> End | None:
         """The end of a descent of all numbers; None where none is within the limits."""
@@ -120,6 +122,8 @@ class Descent(NamedTuple):
 
     def _error(self, x: Point) -> tuple[float, Point]:
         """The error that is left, dB, and its derivatives by all numbers."""
+        if self.rows is not None:
+            return self.rows.slope(lambda z: self.room.split(z, self.shape)[0], x)
         frames, _ = self.room.split(x, self.shape)
         error, by_exposure, by_velocity = self.levels.slope(frames)
         slope, count = np.zeros_like(x), self.shape.number

@@ -11,9 +11,8 @@ from mishutter._core.checks import require_known
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes
-from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import in_parts, psnr_of_error, rows_of
-from mishutter.evaluation.sequences import decibels_over, loss_of_width
+from mishutter.evaluation.sequences import loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model.exposures import Exposures, path_for_rows
 from mishutter.model.motion import (
@@ -24,17 +23,19 @@ from mishutter.model.motion import (
     StillCamera,
 )
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import SINE, TimedFrame
+from mishutter.model.sequences import SINE, TimedFrame, height_of_sine
 from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_search import End, Search, within
+from mishutter.search.frame_rows import RowLevels, errors_by_rows
+from mishutter.search.frame_search import Descent, End, Search, shaken, within
 from mishutter.search.frame_ties import (
     ALTERNATING,
     BRACKETED,
     FAN,
     FOLLOW,
     FREE,
+    MOST_FREE,
     PAN,
     STILLS,
     SWEEP,
@@ -59,6 +60,8 @@ _MOST = 64
 """Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
+_STARTS_BY_ROWS = 5
+"""Ends among these near which descents of the level by rows begin."""
 
 
 @outside_trace()
@@ -109,7 +112,7 @@ def best_moving_burst(
     levels, is_free = Levels.on_axis(scene), limits.moves and limits.max_jerk is None
     search = Search(levels, room, ties, _pieces, followed, is_free)
     found = _judged(scene, search.ends(counts, progress))
-    return _chosen(scene, found) if found else None
+    return _chosen(scene, found, search) if found else None
 
 
 def _judged(scene: Scene, ends: list[End]) -> list["_Found"]:
@@ -137,6 +140,7 @@ class _Found:
 
     sequence: Exposures
     level: float  # dB
+    frames: Frames  # As the search has them
 
     @staticmethod
     def of(scene: Scene, end: End) -> "_Found | None":
@@ -148,7 +152,16 @@ class _Found:
         if sequence is None:
             return None
         # Ends are judged by the level that is told, at the scene's own speeds.
-        return _Found(sequence, levels_of(scene, sequence.along)[0])
+        return _Found(sequence, levels_of(scene, sequence.along)[0], end.frames)
+
+    def on_sensor(self, scene: Scene) -> "_Found":
+        """These with the level by the scene's rows, and on a sensor of its width."""
+        width, level = scene.registered_width, self.level
+        if self.sequence.moves and scene.sensor.is_rolling:
+            level = _levels_by_rows(scene, self.sequence)[0]
+        if width is not None and self.sequence.num_frames > 1:
+            level -= loss_of_width(scene, self.sequence, width=width)
+        return replace(self, level=level)
 
     @property
     def order(self) -> tuple[int, float]:
@@ -187,15 +200,30 @@ def _is_judged_on_sensor(scene: Scene) -> bool:
     return scene.registered_width is not None or scene.sensor.is_rolling
 
 
-def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
+def _by_rows(scene: Scene, found: list[_Found], search: Search) -> list[_Found]:
+    """Ends of descents of the level by rows, from near the best by it."""
+    readout, draw, ends = scene.sensor.readout_time, np.random.default_rng(1), []
+    free = [
+        each for each in found if each.sequence.moves and each.frames.exposure.size <= MOST_FREE
+    ]
+    for each in sorted(free, key=lambda each: -each.level)[:_STARTS_BY_ROWS]:
+        count, knots, axes = each.frames.velocity.shape
+        goes_on = each.sequence.for_rows(readout, scene.limits).along.lead > 0
+        rows = RowLevels(search.levels, search.room, readout, goes_on)
+        descent = Descent(search.levels, search.room, Shape(count, knots - 1, axes), rows)
+        ends.append(descent.free(shaken(each.frames, draw, search.room, 0.01)))
+    judged = (_Found.of(scene, end) for end in ends if end is not None)
+    return [each.on_sensor(scene) for each in judged if each is not None]
+
+
+def _chosen(scene: Scene, found: list[_Found], search: Search) -> Exposures:
     """The simplest frames of those that are as good as the best on the scene's sensor."""
     if _is_judged_on_sensor(scene):
         # Frames that are as good without an end differ by some decibels on a narrow sensor.
         found = sorted(found, key=lambda each: -each.level)[:_ON_SENSOR]
-        losses = (_loss(scene, each.sequence) for each in found)
-        found = [
-            replace(each, level=each.level - loss) for each, loss in zip(found, losses, strict=True)
-        ]
+        found = [each.on_sensor(scene) for each in found]
+    if scene.sensor.is_rolling and search.is_free:
+        found += _by_rows(scene, found, search)
     top = max(each.level for each in found)
     near = [each for each in found if each.level >= top - _AS_GOOD]
     best = min(near, key=lambda each: each.order).sequence
@@ -205,18 +233,6 @@ def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     if best.moves and scene.sensor.is_rolling:
         psnr, worst = _levels_by_rows(scene, best)
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
-
-
-def _loss(scene: Scene, sequence: Exposures) -> float:
-    """Decibels that frames lose on a sensor of the scene's width, and by its rows."""
-    width, lost = scene.registered_width, 0.0
-    if width is not None and sequence.num_frames > 1:
-        lost += loss_of_width(scene, sequence, width=width)
-    if sequence.moves and scene.sensor.is_rolling:
-        levels, path = Levels.on_axis(scene), path_for_rows(scene, sequence)
-        together = float(np.sum(levels.errors_at(Instants.of(path, scene.max_speed))))
-        lost += decibels_over(float(np.sum(_errors_by_rows(scene, sequence, levels))), together)
-    return lost
 
 
 def loss_untold(scene: Scene, sequence: Exposures) -> tuple[float, float]:
@@ -236,6 +252,9 @@ def loss_untold(scene: Scene, sequence: Exposures) -> tuple[float, float]:
 
 def _errors_by_rows(scene: Scene, sequence: Exposures, levels: Levels) -> Float[np.ndarray, "m l"]:
     """Errors of frames in the mean over rows that are exposed one after another."""
+    path = path_for_rows(scene, sequence)
+    if path.jerks is None:
+        return errors_by_rows(levels, path, scene.sensor.readout_time)
     rows = rows_of(scene, sequence, "best_moving_burst")
     return sum((share * levels.errors_at(each) for share, each in rows), np.zeros(()))
 
@@ -279,6 +298,11 @@ def sequence_of(frames: Frames, kind: str) -> Exposures:
         motion, of_stage = (_motion(x, float(half)) for x in (velocity, velocity - pan))
         begin = float(place) - float(frames.place[0, 0])
         every.append(TimedFrame(motion, time, begin - place_at_begin(of_stage) + pan * time))
+    if kind == SINE:
+        # The stage goes on along it, not straight, between frames.
+        turns = 2 * height_of_sine(every[0].motion, middles[1] - middles[0])
+        pans = ((x, float(x.motion.velocity) * x.time) for x in every)
+        every = [replace(x, position=way + k % 2 * turns) for k, (x, way) in enumerate(pans)]
     first = every[0].position
     moved = (TimedFrame(x.motion, x.time, x.position - first) for x in every)
     return Exposures(kind, tuple(moved), 0.0, 0.0, 0.0, pan)

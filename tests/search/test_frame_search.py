@@ -428,7 +428,9 @@ def test_levels_that_are_told_are_those_of_the_exposures(readout, scene):
     else:
         lost = loss_of_width(own, sequence, width=260.0)
     assert lost > 0.1
-    assert moving_frames._loss(own, sequence) == pytest.approx(lost, abs=5e-3)
+    found = moving_frames._Found(sequence, mean + lost, _frames(3, 2)).on_sensor(own)
+    wanted = mean if readout else mean + lost - lost
+    assert found.level == pytest.approx(wanted, abs=5e-3)
 
 
 def test_ends_are_judged_down_to_half_a_decibel_below_the_best(scene, monkeypatch):
@@ -437,7 +439,11 @@ def test_ends_are_judged_down_to_half_a_decibel_below_the_best(scene, monkeypatc
 
     def of(scene, end):
         judged.append(end.level)
-        return None if end.level == 30.2 else moving_frames._Found(_alternating(), end.level)
+        return (
+            None
+            if end.level == 30.2
+            else moving_frames._Found(_alternating(), end.level, end.frames)
+        )
 
     monkeypatch.setattr(moving_frames._Found, "of", staticmethod(of))
     ends = [End(FREE, _frames(1, 1), level) for level in (29.6, 30.2, 30.0, 29.4, 29.3)]

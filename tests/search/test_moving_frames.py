@@ -1,6 +1,7 @@
 """The search for frames of a sensor that moves along an axis: its level, limits and answers."""
 
 import itertools
+from dataclasses import replace
 
 import equinox as eqx
 import numpy as np
@@ -20,6 +21,7 @@ from mishutter import (
 )
 from mishutter.evaluation.bursts import FrameTimes, best_still_burst
 from mishutter.evaluation.sequences import loss_of_width
+from mishutter.model.sequences import SINE
 from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room, Shape
@@ -340,6 +342,36 @@ def test_a_limit_on_the_jerk_holds_over_a_burst():
     assert path.jerks.any()
     assert float(path.use.stroke) <= 60.0 * (1 + 1e-6)
     assert found.psnr > best_still_burst(scene).psnr + 0.5
+
+
+@pytest.mark.parametrize(
+    ("exposure", "mean", "pan"), [(0.02, 0.0, 0.0), (0.012, 0.0, 0.0), (0.017, 400.0, 400.0)]
+)
+@pytest.mark.parametrize("lead", [0.0, 0.004])
+def test_the_path_of_a_sine_keeps_the_limit_on_the_jerk(exposure, mean, pan, lead):
+    """As `stage.csv` has it, sampled from rest to rest, through the places of all frames."""
+    number, period, top = 5, 0.02, 2500.0
+    share = np.linspace(-0.5, 0.5, 9)
+    beside = top * np.sin(np.pi / period * exposure * share)
+    velocity = (mean + (-1.0) ** np.arange(number)[:, None] * beside)[..., None]
+    gap = np.full(number - 1, period - exposure)
+    each = np.full(number, exposure), velocity, gap, 0 * velocity[:, 0], np.array([pan])
+    found = sequence_of(Frames(*each), SINE)
+    jerk, acceleration = top * (np.pi / period) ** 2, 1.1 * top * np.pi / period
+    limits = Limits(max_stroke=100.0, max_acceleration=acceleration, max_jerk=jerk)
+    along = replace(found.along, lead=lead).beside(np.array([pan]))
+    (path,) = along.stage_paths(limits)
+    times = np.arange(path.times[0] - 1e-3, path.times[-1] + 1e-3, 2e-5)
+    places, velocities = path.at(times)
+    rates = np.diff(velocities) / 2e-5
+    assert velocities[0] == velocities[-1] == 0
+    assert np.max(abs(velocities)) <= top * (1 + 1e-3)
+    assert np.max(abs(rates)) <= acceleration * (1 + 1e-6)
+    assert np.max(abs(np.diff(rates))) / 2e-5 <= jerk * (1 + 1e-4)
+    assert np.max(abs(np.diff(places, 3))) / 2e-5**3 <= jerk * (1 + 1e-3)
+    # Between the meeting points of its pieces a frame is off by a cube of their length.
+    lit = along.times[:, None] + along.exposures[:, None] * np.linspace(-0.5, 0.5, 99)
+    assert np.ptp(path.at(lit)[0] - along.place(lit)[0]) < 0.02
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Profiles found over a grid are those that `optimise` finds, and do what is said of them."""
 
+import itertools
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
@@ -284,3 +285,18 @@ def test_a_bar_names_the_points_and_the_shutter_that_it_is_at(monkeypatch, optim
     expected = [(done, f"points 1 to 2{name}") for done, name in steps]
     expected += [(2 + done, f"points 3 to 4{name}") for done, name in steps]
     assert told == [*expected, (4, "")]
+
+
+def test_a_profile_is_searched_at_the_motion_of_its_point(monkeypatch):
+    """Each acceleration at each exposure."""
+    searched = []
+
+    def best_design(start, settings):
+        motion = start.motion
+        searched.append((float(motion.acceleration), float(motion.half_exposure)))
+        return SimpleNamespace(command=start.shutter, loss=0.25, converged=True)
+
+    monkeypatch.setattr("mishutter.sweeps.blocks.best_design", best_design)
+    axes: dict[str, Any] = {"accelerations": [1e4, 2e4], "half_exposures": [3.1e-3, 7e-3]}
+    sweep(LOPSIDED, **axes, optimise=True, shutters=SHUTTERS, metrics="efficiency")
+    assert searched == [*itertools.product([1e4, 2e4], [3.1e-3, 7e-3])]
