@@ -372,11 +372,11 @@ def passed(
 
 
 def power_of_waves(
-    on_sensor: Float[Array | np.ndarray, "... d q"],
-    passing: Float[Array | np.ndarray, "... l q"],
-    weight: Float[Array | np.ndarray, "... q"],
-) -> Float[Array | np.ndarray, "... d l"]:
-    r"""$|\sum_q w_q e^{i(a_q - b_q)}|^2$ by the phases of the sensor's place and of a thing's.
+    on_sensor: Float[Array | np.ndarray, "*f k q"],  # Phases of the places of a sensor; rad
+    passing: Float[Array | np.ndarray, "*f n q"],  # Phases of the ways of things; rad
+    weight: Float[Array | np.ndarray, "#*f #k q"],
+) -> Float[Array | np.ndarray, "*f k n"]:
+    r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$ for each sensor and thing.
 
     A wave of a difference is a product of waves, so that the sums are products of matrices, in real
     numbers.
