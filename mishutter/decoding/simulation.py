@@ -157,7 +157,7 @@ def capture_and_restore(
         words = "be of one exposure for footage, or another border than 'reflect'"
         is_taken = border == "reflect" and not isinstance(subject, Footage)
         require(is_taken, f"{function}(motion=...)", words, exposures)
-        capture = partial(simulate_frames, frames=exposures.frames)
+        capture = partial(simulate_frames, frames=exposures.path)
     take = partial(capture, scene=along, **options)
     if scene.sensor.is_rolling and not is_one:
         report("capturing", 0.0)

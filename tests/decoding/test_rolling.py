@@ -33,10 +33,10 @@ from mishutter.decoding.frame_doubts import doubt_of_rows
 from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import _together, complete, noises_of
 from mishutter.decoding.rolling import RowTimes, _on_grid
-from mishutter.decoding.simulation import photograph_by_frames
+from mishutter.decoding.simulation import capture_and_restore, photograph_by_frames
 from mishutter.design.design import Outcome
 from mishutter.model.exposures import path_for_rows
-from mishutter.model.sequences import frames_in
+from mishutter.model.sequences import SINE, frames_in
 
 EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
@@ -135,6 +135,21 @@ def test_a_picture_stands_where_its_frames_say(readout, late):
     off = np.sum((truth - found)[:, inner] * steps[:, inner]) / np.sum(steps[:, inner] ** 2)
     assert abs(off) < 0.05
     assert np.sqrt(np.mean((found - truth)[:, inner] ** 2)) < 0.01
+
+
+def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
+    """Rows that are exposed early and late see it on the sine in the gaps too."""
+    half, period, height = 0.006, 0.02, 25.0
+    ends, turn = np.linspace(-half, half, 41), np.pi / period
+    rates = height * turn**2 * np.cos(turn * (ends[1:] + ends[:-1]) / 2) / 2
+    motions = [FreeMotion(accelerations=sign * rates, half_exposure=half) for sign in (1, -1, 1)]
+    frames = [TimedFrame(x, (k - 1) * period, k % 2 * 2 * height) for k, x in enumerate(motions)]
+    limits, sensor = Limits(max_acceleration=2e6), Sensor(readout=0.015)
+    scene = Scene([1500.0], photon_rate=1e7, read_noise=2, limits=limits, sensor=sensor)
+    sequence = Exposures(SINE, tuple(frames), 0.0, 0.0, 0.0)
+    light = example_picture().light[200:216]
+    found = capture_and_restore(light, scene, sequence, speed=1500.0).found
+    assert found.misfit < 1
 
 
 def test_the_frame_beside_a_restored_picture_stands_where_that_does():
