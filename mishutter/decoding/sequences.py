@@ -42,7 +42,8 @@ class RestoredFrames(_Pair):
 
     Attributes:
         light: Light of the picture where the sensor is at the middle of the sequence, white = 1;
-            the shape of a frame.
+            the shape of a frame. In a gap between frames along one axis that place is on a straight
+            line from one to the next.
         estimate: The speed that was found or given, and its doubt; the error of a given one is 0.
             None where it was given for one frame, and of objects.
         objects: The objects that were found before the background, the largest first, each with

@@ -157,7 +157,7 @@ def capture_and_restore(
         words = "be of one exposure for footage, or another border than 'reflect'"
         is_taken = border == "reflect" and not isinstance(subject, Footage)
         require(is_taken, f"{function}(motion=...)", words, exposures)
-        capture = partial(simulate_frames, frames=exposures.frames)
+        capture = partial(simulate_frames, frames=exposures.path)
     take = partial(capture, scene=along, **options)
     if scene.sensor.is_rolling and not is_one:
         report("capturing", 0.0)
@@ -292,13 +292,13 @@ def photograph_by_frames(
     radiance = transposed(radiance[..., None] if radiance.ndim == 2 else radiance, axis)
     reference = behind_optics(np.asarray(radiance), scene)
     captured, restored, doubts, trials = [], [], [], []
-    middle = sequence.num_frames // 2
+    middle, (_, (place,)) = sequence.num_frames // 2, sequence.along.middle
     for index, speed in enumerate(speeds):
         own_key = jax.random.fold_in(key, index)
         result = capture_and_restore(picture, scene, sequence, speed=speed, key=own_key)
         taken = sequence.along[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
-        moved = round(float(speed * taken.time - taken.position))
+        moved = round(float(speed * taken.time - (taken.position - place)))
         captured.append(np.roll(frame, moved, axis=1))
         restored.append(light)
         doubts.append("" if result.found is None else result.found.doubt)

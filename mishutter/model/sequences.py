@@ -99,6 +99,8 @@ class FramePath(AbstractModule):
             rows that are exposed earlier and later; s.
         jerks: Jerks of the pieces of a path along one axis; px/s^3, shape `(p,)`. None where the
             acceleration is constant in each.
+        aside: Way from the place at the time 0 to that of the `middle` of the timed frames that the
+            path is of; px, shape `(axes,)`. None of other paths.
     """
 
     times: Float[Array | np.ndarray, "n"]
@@ -107,6 +109,7 @@ class FramePath(AbstractModule):
     velocities: Float[Array | np.ndarray, "axes p+1"]
     lead: float = eqx.field(static=True, default=0.0)
     jerks: Float[np.ndarray, "p"] | None = None
+    aside: Float[np.ndarray, "axes"] | None = None
 
     @property
     def duration(self) -> float:
@@ -143,7 +146,12 @@ class FramePath(AbstractModule):
 
     @property
     def middle(self) -> tuple[Numbers | float, Numbers]:
-        """The time between the first light and the last, s, and the place then, px."""
+        """The time between the first light and the last, s, and the place then, px.
+
+        Of timed frames both are theirs.
+        """
+        if self.aside is not None:
+            return 0.0, self.place(np.zeros(1))[:, 0] + self.aside
         ends = self.times - self.exposures / 2, self.times + self.exposures / 2
         middle = (ends[0][:1] + ends[1][-1:]) / 2
         return middle[0], self.place(middle)[:, 0]
@@ -404,7 +412,10 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
 
     @property
     def middle(self) -> tuple[Numbers | float, Numbers]:
-        """The begin of their clock, and the place then, be a frame exposed or not; px."""
+        """The begin of their clock, and the place then; px.
+
+        Between frames it is on a straight line, whichever way a stage takes there.
+        """
         times, places, halves = self._numbers
         space = namespace_of(times, places, halves)
         near = space.clip(0 * times, times - halves, times + halves)
@@ -520,7 +531,7 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
         stage = self.for_rows(readout, limits, pan).beside(pan)
         way = stage._knots_within(limits) or stage._at_once
         # Before and after it the stage is at rest, and may reach a velocity at once.
-        return FramePath(
+        path = FramePath(
             np.asarray(self.times),
             np.asarray(self.exposures),
             np.r_[readout, 0.0, way.durations, 0.0, readout],
@@ -528,6 +539,9 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
             float(np.sum(way.durations[: way.first])) + readout,
             None if way.jerks is None else np.pad(way.jerks, 2),
         )
+        light, zero = path.place(np.array([path._begin, 0.0])).T
+        since = self.middle[1] - _ends(self.frames[0])[0]
+        return replace(path, aside=light + since - zero)
 
     def _knots_within(self, limits: Limits) -> Knots | None:
         """The way of the stage from rest to rest within some limits, where they say one."""

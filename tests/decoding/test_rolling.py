@@ -11,7 +11,9 @@ from support.plane import frames_of
 from mishutter import (
     Design,
     EnsembleDecoder,
+    Exposures,
     FreeMotion,
+    Limits,
     ParabolicMotion,
     PlaneFrames,
     RectShutter,
@@ -31,7 +33,10 @@ from mishutter.decoding.frame_doubts import doubt_of_rows
 from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import _together, complete, noises_of
 from mishutter.decoding.rolling import RowTimes, _on_grid
+from mishutter.decoding.simulation import capture_and_restore, photograph_by_frames
 from mishutter.design.design import Outcome
+from mishutter.model.exposures import path_for_rows
+from mishutter.model.sequences import SINE, frames_in
 
 EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
@@ -106,6 +111,55 @@ def test_rows_in_turn_are_restored_as_one_capture_of_their_mean_power(monkeypatc
     noise = noises_of(scene, np.full(1, EXPOSURE), float(scene.picture.mean_level))
     wanted = 4 * np.mean(powers, axis=0) * np.sinc(f) ** 2 / noise
     assert np.sum(np.abs(density - wanted)) < 0.13 * np.sum(wanted)
+
+
+@pytest.mark.parametrize("readout", [0.0, 0.02])
+@pytest.mark.parametrize("late", [0.0, 0.003])
+def test_a_picture_stands_where_its_frames_say(readout, late):
+    """Whichever way the stage takes between them, and whenever they say that the middle is."""
+    motion = ParabolicMotion(acceleration=1e5, half_exposure=0.0075, velocity=800.0)
+    frames = [TimedFrame(motion, time + late, 120.0 * time) for time in (-0.0125, 0.0125)]
+    limits, sensor = Limits(max_acceleration=1e6), Sensor(readout=readout)
+    scene = Scene([1500.0], photon_rate=1e7, read_noise=2, limits=limits, sensor=sensor)
+    _, (straight,) = frames_in(frames).middle
+    path = path_for_rows(scene, frames)
+    time, first = np.array([0.0, -0.0125 + late]), frames[0].position
+    driven, begin = path.place(time)[0]
+    assert abs(driven - begin - (straight - first)) > 1
+    light = example_picture().light[200:216]
+    captures = simulate_frames(light, scene, frames, speed=1500.0, num_columns=400)
+    found = np.asarray(restore_frames(captures, scene, frames, speed=1500.0).light)
+    start = (light.shape[1] - 400) // 2
+    truth, steps = light[:, start : start + 400], np.gradient(light, axis=1)[:, start : start + 400]
+    inner = slice(100, -100)
+    off = np.sum((truth - found)[:, inner] * steps[:, inner]) / np.sum(steps[:, inner] ** 2)
+    assert abs(off) < 0.05
+    assert np.sqrt(np.mean((found - truth)[:, inner] ** 2)) < 0.01
+
+
+def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
+    """Rows that are exposed early and late see it on the sine in the gaps too."""
+    half, period, height = 0.006, 0.02, 25.0
+    ends, turn = np.linspace(-half, half, 41), np.pi / period
+    rates = height * turn**2 * np.cos(turn * (ends[1:] + ends[:-1]) / 2) / 2
+    motions = [FreeMotion(accelerations=sign * rates, half_exposure=half) for sign in (1, -1, 1)]
+    frames = [TimedFrame(x, (k - 1) * period, k % 2 * 2 * height) for k, x in enumerate(motions)]
+    limits, sensor = Limits(max_acceleration=2e6), Sensor(readout=0.015)
+    scene = Scene([1500.0], photon_rate=1e7, read_noise=2, limits=limits, sensor=sensor)
+    sequence = Exposures(SINE, tuple(frames), 0.0, 0.0, 0.0)
+    light = example_picture().light[200:216]
+    found = capture_and_restore(light, scene, sequence, speed=1500.0).found
+    assert found.misfit < 1
+
+
+def test_the_frame_beside_a_restored_picture_stands_where_that_does():
+    """Wherever a stage has its places from: here it is 30 px off, and things move 10 px."""
+    still, scene = StillCamera(half_exposure=1e-4), Scene([1000.0], photon_rate=1e8, read_noise=2)
+    frames = tuple(TimedFrame(still, time, 30.0) for time in (-0.01, 0.01))
+    sequence, light = Exposures("stills", frames, 0.0, 0.0, 0.0), example_picture().light[200:216]
+    shown = photograph_by_frames(light, scene, sequence, speeds=[1000.0], key=jax.random.key(0))
+    apart = [shown.captured[0, :, 100:-100] - light[:, 100 + k : k - 100] for k in (-1, 0, 1)]
+    assert np.argmin(np.std(apart, axis=(1, 2, 3))) == 1
 
 
 def psnr(found, light):
