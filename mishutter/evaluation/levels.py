@@ -363,11 +363,11 @@ def passed(
         for turn, way in zip((space.cos, space.sin), place, strict=False)
     )
     ways = space.broadcast_to(turns * parts.speeds, (*fan.direction.shape, parts.speeds.shape[-1]))
-    phases = turns[..., None] * along, ways[..., None] * time[None, None, None]
+    phases = [turns[..., None] * along, ways[..., None] * time[None, None, None]]
     if space is np and fan.direction.shape[1] > 1:
         # Sines of single precision, in a tenth of the time, err far less than a mean over a plane.
-        phases = tuple(x - 2 * np.pi * np.rint(x / (2 * np.pi)) for x in phases)
-        phases = tuple(x.astype(np.float32) for x in phases)
+        phases = [x - 2 * np.pi * np.rint(x / (2 * np.pi)) for x in phases]
+        phases = [x.astype(np.float32) for x in phases]
     return power_of_waves(*phases, weight[None, None])
 
 
