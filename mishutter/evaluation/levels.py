@@ -80,7 +80,7 @@ def exposures_psnr(
             rows of one in the plane, or in the plane.
         lights: First and last light of each, s, where a gate shortens it.
         grid: Sizes of the fan of directions, for a scene in the plane. A descent by JAX is faster
-            on fewer than by default, which hold a level to 0.02 dB, mostly to 0.005 dB.
+            on fewer than by default, which hold a level to 0.05 dB, mostly to 0.01 dB.
         num_panels: Panels of 16 nodes in each exposure, for ways of 7 px each; by default those
             that they need, which are not known inside `jax.jit`.
 
