@@ -126,7 +126,7 @@ def test_slopes_of_rows_in_turn_are_those_of_their_likelihood(kind):
     for component, slope in zip(side * np.eye(velocity.size), found, strict=True):
         ends = np.stack([velocity + component, velocity - component])
         gains = level.likeliest(ends, EXACT[kind]).gains.reshape(2, -1).sum(axis=1)
-        assert slope == pytest.approx((gains[0] - gains[1]) / (2 * side), rel=2e-3)
+        assert slope == pytest.approx((gains[0] - gains[1]) / (2 * side), rel=3e-3)
 
 
 @pytest.mark.parametrize("kind", ["along", "across", "plane"])

@@ -90,12 +90,13 @@ def test_a_trigger_begins_the_row_that_is_read_first(rows_read, tmp_path):
     rows = rows_of(table.stage_csv())
     time, place = ([float(row[name]) for row in rows] for name in ("time", "sensor_position"))
     triggers = rows_of(table.frames_csv())
-    middle = 1e3 * (LIGHTS[0][0] + LIGHTS[-1][1]) / 2
+    # Pictures stand where a straight line between the frames is at the begin of their clock.
+    ends = 1e3 * np.array([LIGHTS[0][1], LIGHTS[1][0]])
+    middle = np.interp(0.0, ends, np.interp(ends, time, place))
     for frame, trigger in zip(taken, triggers, strict=True):
         instants = np.linspace(float(trigger["begin"]), float(trigger["end"]), 2001)
         for row, delay in ((first, 0.0), (last, 1e3 * readout)):
-            seen = np.interp([*(instants + delay), middle], time, place)
-            way = np.mean(seen[:-1]) - seen[-1]
+            way = np.mean(np.interp(instants + delay, time, place)) - middle
             moved = np.mean(ramp[row] - frame[row], where=np.arange(160) % 120 > 39) / slope
             assert moved == pytest.approx(way, abs=0.01), (row, trigger["frame"])
     assert abs(float(triggers[0]["begin"]) - 1e3 * (LIGHTS[0][0] - readout / 2)) < 1e-6
