@@ -79,8 +79,9 @@ def exposures_psnr(
             as `best_sequence` finds them. They may move along the axis of the scene, along the
             rows of one in the plane, or in the plane.
         lights: First and last light of each, s, where a gate shortens it.
-        grid: Sizes of the fan of directions, for a scene in the plane. A descent by JAX is faster
-            on fewer than by default, which hold a level to 0.05 dB, mostly to 0.01 dB.
+        grid: Sizes of the fan of directions, for a scene in the plane. Those by default hold a
+            level to 0.05 dB, mostly to 0.01 dB; a descent by JAX takes a tenth of the time on
+            `Grid(48, 4, 16, 4)`, as the search does.
         num_panels: Panels of 16 nodes in each exposure, for ways of 7 px each; by default those
             that they need, which are not known inside `jax.jit`.
 
