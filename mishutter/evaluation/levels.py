@@ -54,8 +54,9 @@ from mishutter.model.sensor import noise_of_frames
 from mishutter.model.sequences import AT_REST, Frames, Lights, frames_in
 from mishutter.model.velocities import Components
 
-DELAYS = 5
-"""Rows that stand for all of those that are exposed one after another."""
+ROWS = np.stack(np.polynomial.legendre.leggauss(5)) / 2
+"""Rows that stand for all of those that are exposed one after another: their delays, over the time
+from the first row to the last, and the share of each."""
 _AT_ONCE = 2**20
 """Waves of an exposure that NumPy computes at a time."""
 
@@ -132,10 +133,10 @@ def rows_of(
     _require_some(frames, caller)
     path = path_for_rows(scene, exposures)
     way = path.top_speed * float(np.max(np.asarray(path.exposures)))
-    x, weight = np.polynomial.legendre.leggauss(DELAYS if way >= AT_REST else 1)
+    rows = ROWS.T if way >= AT_REST else np.array([[0.0, 1.0]])
     return [
-        (share, instants_of(scene, path, caller, lights, num_panels, delay=delay))
-        for delay, share in zip((x * readout / 2).tolist(), (weight / 2).tolist(), strict=True)
+        (share, instants_of(scene, path, caller, lights, num_panels, delay=delay * readout))
+        for delay, share in rows.tolist()
     ]
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from mishutter.evaluation.levels import DELAYS, psnr_of_error
+from mishutter.evaluation.levels import ROWS, psnr_of_error
 from mishutter.model.sequences import FramePath
 from mishutter.model.stages import Knots, gentlest
 from mishutter.search.frame_levels import Frames, Levels, chirps
@@ -63,8 +63,7 @@ class _Windows(NamedTuple):
         begin: Float[np.ndarray, "*b n"], exposure: Float[np.ndarray, "*b n"], readout: float
     ) -> "_Windows":
         """Those of frames that begin at some times in the middle row, s, for a readout, s."""
-        delays = np.polynomial.legendre.leggauss(DELAYS)[0] * readout / 2
-        return _Windows(begin[..., None, :] + delays[:, None], exposure[..., None, :])
+        return _Windows(begin[..., None, :] + readout * ROWS[0, :, None], exposure[..., None, :])
 
 
 class _Lit(NamedTuple):
@@ -128,14 +127,13 @@ class _Seen(NamedTuple):
         wave = np.exp(-2j * np.pi * (place * levels.frequency - time * levels.temporal))
         moments = [wave * moment for moment in chirps(linear, square)]
         seen = np.add.reduceat(share * moments[0], lit.begins)
-        return _Seen(moments, seen.reshape(DELAYS, -1, *seen.shape[1:]))
+        return _Seen(moments, seen.reshape(ROWS.shape[1], -1, *seen.shape[1:]))
 
     def lost(self, levels: Levels, exposure: Float[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
         """Each row's part of the error that is left, and how fast it falls by what is gained."""
         gains = np.asarray(levels.light.gains(exposure))
         over = 1 + levels.signal[:, None] * np.tensordot(np.abs(self.frames) ** 2, gains, (1, 0))
-        share = np.polynomial.legendre.leggauss(DELAYS)[1] / 2
-        left = share[:, None, None] * levels.weight / over
+        left = ROWS[1, :, None, None] * levels.weight / over
         return left, left * levels.signal[:, None] / over
 
 
