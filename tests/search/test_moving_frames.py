@@ -603,7 +603,7 @@ def test_moving_is_never_worse_than_stills(slug):
         # More frames for the commoner thing: a fan of even steps ends at 37.7 dB.
         ((-1490, 1560), (0.69, 0.31), 20.7, 6, (3.4e4, 6.0), (43.7, 2900, 9.6e6), 39.2),
         # Five things of unequal shares: without an exchange of one, 42.3 dB.
-        (
+        pytest.param(
             (-1310, 178, 263, 905, 1200),
             (1, 20, 46, 28, 5),
             25.0,
@@ -611,9 +611,10 @@ def test_moving_is_never_worse_than_stills(slug):
             (2e5, 5.0),
             (27.7, 3300, 2e7),
             42.6,
+            marks=pytest.mark.slow,
         ),
         # A range: swings alone end at 39.9 dB.
-        (
+        pytest.param(
             np.linspace(-3005, 3005, 9),
             (1,) * 9,
             143.0,
@@ -621,10 +622,12 @@ def test_moving_is_never_worse_than_stills(slug):
             (5.1e5, 3.3),
             (34.6, 6988, 7.1e7),
             40.05,
+            marks=pytest.mark.slow,
         ),
     ],
 )
 def test_each_frame_may_follow_another_thing(speeds, weights, rate, number, light, stage, level):
+    """Frames that fly back between things, each of its own length."""
     stroke, top, acceleration = stage
     limits = Limits(
         max_stroke=stroke,
