@@ -294,30 +294,6 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
             np.testing.assert_allclose(density, told, rtol=1e-6)
 
 
-@pytest.mark.parametrize("has_levels", [False, True])
-def test_lines_along_the_readout_are_the_likeliest(has_levels):
-    """Each pixel sees by its own instants, and what the picture leaves tells no more of it."""
-    rng = np.random.default_rng(0)
-    rolling = replace(SCENE, sensor=Sensor(axis="columns", readout=0.01))
-    noises, speed = noises_of(rolling, [EXPOSURE] * 4, 0.25), np.array([[700.0]])
-    times = RowTimes.of(rolling.sensor, (80, 60))
-    frames = 0.1 * rng.normal(size=(4, 3, 60))
-    own = Own(frames, noises, alternating(), Prior(rolling), times, has_levels)
-    level = own.level(speed)
-    found, canvas = level.likeliest(speed), level.canvas
-    for pixel in (0, 25, 59):
-        there = level.rows.paths.at(float(level.rows.paths.delays[pixel]))
-        exact = level._replace(rows=None, instants=there).responses(speed)[2, 0]
-        light = canvas.spectrum(rng.normal(size=(1, 1, *canvas.shape))) * np.sqrt(canvas.power)
-        error = canvas.seen(light * exact) - found.responses[2].seen(light)
-        assert np.abs(error[0, 0, pixel]) < 0.3 * np.sqrt(canvas.noises[2])
-    left = canvas.known(canvas.frames) - canvas.known(found.seen[:, 0])
-    told = canvas.gathered(found.responses, left)
-    np.testing.assert_allclose(
-        told, found.spectrum / canvas.power, atol=1e-8 * np.max(np.abs(told))
-    )
-
-
 @pytest.mark.parametrize("size", [1, 2])
 def test_three_rows_stand_for_all(size):
     """They lie within the rows, and the way to each is that of the path in pixels of the frames."""
