@@ -597,8 +597,8 @@ def comparison_notes(
         notes.append("No burst is compared: [burst] max_frames is 1.")
     elif burst is not None and not (times := FrameTimes.of(scene, burst)).holds_several:
         notes.append(
-            f"No burst is compared: at {float(burst.frames_per_s):.3g} frames/s only one frame fits "
-            f"into the window of {1e3 * times.window:.4g} ms; say a longer [burst] window_ms."
+            f"No burst is compared: at {float(burst.frames_per_s):.3g} frames/s only one frame "
+            f"fits into the window of {1e3 * times.window:.4g} ms; say a longer [burst] window_ms."
         )
     return tuple(notes)
 
