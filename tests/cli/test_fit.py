@@ -175,8 +175,16 @@ BAD = {
     ),
     "speed-in-km-h": (PICTURE + "speed_km_per_h = 3\n", b"1", "must hold known keys only"),
     "half-an-array": (PICTURE, b"\x93NUMPY\x01", "must be a whole .npy file; got: "),
-    "words": (PICTURE, b"1,2\n3,dark\n", "must hold numbers alone below its heading; got 'dark'"),
-    "ragged": (PICTURE, b"1,2\n3\n", "must hold 2 values a row; got 1 in '3'"),
+    "words": (
+        PICTURE,
+        b"1,2\n3,dark\n",
+        "numbers a row; got: could not convert string 'dark'",
+    ),
+    "ragged": (
+        PICTURE,
+        b"1,2\n3\n",
+        "hold 2 numbers a row; got: the number of columns changed",
+    ),
     "narrow": (PICTURE, b"1,2,3\n", "must have at least 16 columns; got 3"),
     "saturated": (
         PICTURE + "\n[sensor]\nfull_level = 4095\n",

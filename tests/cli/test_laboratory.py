@@ -257,7 +257,6 @@ def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, mo
     monkeypatch.setattr(app, "_compared", lambda *given, **others: seen.append(given))
     monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
-    monkeypatch.setattr(app, "_next_step", lambda *given: "")
     files = ["--drive", tmp_path / "drive.csv", "--measured", tmp_path / "trace.csv"]
     assert cli.main([str(x) for x in (*given, *files)]) == 0, capsys.readouterr().err
     scene, motion, cameras, *_ = seen[0]
@@ -286,7 +285,6 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
     monkeypatch.setattr(app, "_compared", lambda *given, **others: seen.append(given))
     monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
-    monkeypatch.setattr(app, "_next_step", lambda *given: "")
     files = ["compare", folder / "scene.toml", "--measured", tmp_path / "scope.csv"]
     line = refused(capsys, *files)
     assert "must have one column of levels, or be read with the name of one as its `column`" in line

@@ -137,8 +137,8 @@ def test_a_picture_stands_where_its_frames_say(readout, late):
     assert np.sqrt(np.mean((found - truth)[:, inner] ** 2)) < 0.01
 
 
-def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
-    """Rows that are exposed early and late see it on the sine in the gaps too."""
+def on_a_sine():
+    """Three frames about the turning points of a sine, and a scene whose rows are read slowly."""
     half, period, height = 0.006, 0.02, 25.0
     ends, turn = np.linspace(-half, half, 41), np.pi / period
     rates = height * turn**2 * np.cos(turn * (ends[1:] + ends[:-1]) / 2) / 2
@@ -146,10 +146,26 @@ def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
     frames = [TimedFrame(x, (k - 1) * period, k % 2 * 2 * height) for k, x in enumerate(motions)]
     limits, sensor = Limits(max_acceleration=2e6), Sensor(readout=0.015)
     scene = Scene([1500.0], photon_rate=1e7, read_noise=2, limits=limits, sensor=sensor)
-    sequence = Exposures(SINE, tuple(frames), 0.0, 0.0, 0.0)
+    return scene, frames, Exposures(SINE, tuple(frames), 0.0, 0.0, 0.0)
+
+
+def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
+    """Rows that are exposed early and late see it on the sine in the gaps too."""
+    scene, _, sequence = on_a_sine()
     light = example_picture().light[200:216]
     found = capture_and_restore(light, scene, sequence, speed=1500.0).found
     assert found.misfit < 1
+
+
+def test_frames_are_on_their_sine_wherever_they_are_handed_on():
+    """Apart from the exposures they have their path between frames; any others have a transfer."""
+    scene, frames, sequence = on_a_sine()
+    times = np.linspace(-0.02, 0.02, 81)
+    of_all, own, others = (
+        path_for_rows(scene, each).place(times) for each in (sequence, sequence.frames, frames)
+    )
+    np.testing.assert_array_equal(own, of_all)
+    assert np.max(np.abs(others - of_all)) > 0.1
 
 
 def test_the_frame_beside_a_restored_picture_stands_where_that_does():
