@@ -118,7 +118,7 @@ def a_camera(**changes):
     numbers = {
         "shutter": SplineShutter(np.minimum(coefficients, 1)),
         "coefficients": coefficients,
-        "coefficient_errors": np.full(9, 0.025),
+        "coefficient_errors": np.linspace(0.017, 0.033, 9),
         "estimates": {"lens_blur_px": Estimate(0.62, 0.01)},
         "not_identifiable": (),
         "names": ("a.csv",),
@@ -136,6 +136,7 @@ def test_a_transmittance_above_1_is_printed_with_its_meaning(capsys):
     fit_command._print(a_camera(), {"as built": 27.3})
     out = " ".join(capsys.readouterr().out.split())
     assert "Transmittance 4, of 1.06, is 2.4 error bars above an open shutter. A fit" in out
+    assert "transmittance 3 0.9700 0.023 transmittance 4 1.0600 0.025" in out
     fit_command._print(a_camera(coefficients=np.linspace(0, 1, 9)), {"as built": 27.3})
     assert "above an open" not in capsys.readouterr().out
 
