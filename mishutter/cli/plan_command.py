@@ -1,6 +1,6 @@
 """The command that lists the parts of a computation: `plan`."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mishutter._core.progress import working
 from mishutter.cli.console import print_table, print_text, start_jax, write_json
@@ -44,7 +44,7 @@ def plan(
     if scene.velocities is not None:
         from mishutter.search.plane_frames import grid_words
 
-        search: dict[str, object] = {"search": grid_words()}
+        search: dict[str, Any] = {"search": grid_words()}
         text = grid_words()
     else:
         chosen = loss_of(loss, scene)

@@ -348,10 +348,16 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
 
 def _titled(figure: "Figure", title: str, num_rows: int = 1) -> "Figure":
     """A figure of panels under the first line of an answer."""
+    num_lines = _write_title(figure, title)
+    leave_room(figure, top=0.45 + LINE * num_lines, num_rows=num_rows)
+    return figure
+
+
+def _write_title(figure: "Figure", title: str) -> int:
+    """Writes a line above a figure, in as many lines as it needs, which are returned."""
     lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
     figure.suptitle("\n".join(lines), fontsize="small", y=1 - 0.06 / figure.get_size_inches()[1])
-    leave_room(figure, top=0.45 + LINE * len(lines), num_rows=num_rows)
-    return figure
+    return len(lines)
 
 
 def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
@@ -543,12 +549,12 @@ def plot_photograph(
     leave_room(figure, num_rows=len(heights), num_columns=across, rows=above + 0.1, **margins)
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
-    _show(whole, scene, "the scene, at rest; the box is magnified")
+    show_picture(whole, scene, "the scene, at rest; the box is magnified")
     corner = right.start - 0.5, down.start - 0.5
     for colour, line in (("black", 3.0), ("white", 1.2)):
         box = Rectangle(corner, size[0], size[1], fill=False, edgecolor=colour, linewidth=line)
         whole.add_patch(box)
-    _show(figure.add_subplot(grid[0, -2]), scene[down, right], "the detail, at rest")
+    show_picture(figure.add_subplot(grid[0, -2]), scene[down, right], "the detail, at rest")
     maps = []
     for row, ((name, result), own) in enumerate(zip(results.items(), places, strict=True), 1):
         for number, speed in enumerate(speeds):
@@ -557,10 +563,10 @@ def plot_photograph(
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = "\n".join(titles[name])
             title += f",\ncaptured at {result.speeds[index]:.4g} px/s"
-            _show(panels[0], result.brightened(index)[own], title)
+            show_picture(panels[0], result.brightened(index)[own], title)
             # A speed that is not trusted is not used: all likely ones are restored for.
             of = ", speed in doubt" if result.doubts[index] else (asides or {}).get(name, aside)
-            _show(panels[1], restored, f"restored{of},\n{result.linear_psnr[index]:.2f} dB")
+            show_picture(panels[1], restored, f"restored{of},\n{result.linear_psnr[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
             maps.append((panels[2], _error(result.reference[own], restored)))
     brightest = float(np.percentile([error for _, error in maps], 99)) or 1.0
@@ -658,7 +664,7 @@ def plot_capture(
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, picture) in zip(panels[0], shown.items(), strict=True):
         # Columns for which a panel has no dots are averaged.
-        _show(axes, _shrunk(picture, max(1, columns // 1000)), title)
+        show_picture(axes, _shrunk(picture, max(1, columns // 1000)), title)
         axes.set_aspect(aspect, anchor="S")  # the title is above
     return figure
 
@@ -681,7 +687,7 @@ def _shrunk(picture: np.ndarray, times: int) -> np.ndarray:
     return whole.reshape(rows, times, columns, times, -1).mean(axis=(1, 3))
 
 
-def _show(axes: "Axes", picture: np.ndarray, title: str) -> None:
+def show_picture(axes: "Axes", picture: np.ndarray, title: str) -> None:
     """Shows a picture in linear light on axes without ticks."""
     shown = to_display(picture)
     grey = shown.ndim == 2 or shown.shape[2] == 1
@@ -797,8 +803,7 @@ def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
         axes.set_aspect("equal", "datalim")
     below.set(xlabel="time from the middle / ms", ylabel="stage position / px")
     legend_above(below)
-    lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
-    figure.suptitle("\n".join(lines), fontsize="small")
+    _write_title(figure, title)
     figure.subplots_adjust(left=0.1, right=0.97, bottom=0.09, top=0.88, wspace=0.38, hspace=0.45)
     return figure
 
