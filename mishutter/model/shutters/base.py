@@ -17,11 +17,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core.checks import (
+    Alike,
     Unquoted,
     all_concrete,
     as_float,
     common_dtype,
     device_constant,
+    namespace_of,
     require,
     require_finite,
     shape_of,
@@ -453,9 +455,9 @@ def above_zero(length: Length) -> Length:
     return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
-def polynomial(coefficients: Sequence[ArrayLike] | Array, x: Array | np.ndarray) -> Array:
+def polynomial(coefficients: Sequence[ArrayLike] | Numbers, x: Alike) -> Alike:
     """A polynomial by its coefficients, the highest first."""
-    total = jnp.asarray(coefficients[0], x.dtype)
+    total = namespace_of(x).asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:
         total = total * x + coefficient
     return total
