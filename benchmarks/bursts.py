@@ -20,15 +20,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize, minimize_scalar, root_scalar
-from support.burst_levels import (
+
+from benchmarks import harness
+from benchmarks.burst_levels import (
     FrameGroup,
     burst_psnr,
     seen_by,
     still_frames,
 )
-from support.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
-
-from benchmarks import harness
+from benchmarks.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
 from mishutter import BurstMode, FreeMotion, Limits, Scene, TimedFrame
 from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.needs import Plan, sizes

@@ -16,11 +16,10 @@ from typing import NamedTuple
 import jax
 import numpy as np
 from scipy import ndimage
-from support import layered_rows
-from support.layered_rows import Spectra
 
 import mishutter as ms
-from benchmarks import harness
+from benchmarks import harness, layered_rows
+from benchmarks.layered_rows import Spectra
 from benchmarks.occlusion import CAMERAS, SPEEDS, decibels, pairs_of
 from benchmarks.photographs import PHOTOGRAPHS, in_steps
 from mishutter.pictures.images import shipped_picture

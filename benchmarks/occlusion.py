@@ -1,6 +1,6 @@
 """Is the expected error of objects before a background what random rows leave, and how is it had?
 
-Random rows are exposed instant by instant and restored (`tests/support/layered_rows.py`), 24 times
+Random rows are exposed instant by instant and restored (`benchmarks/layered_rows.py`), 24 times
 in other worlds by other cameras; beside them stands what each way of computing the expectation
 says, and how long it takes. A typical printout stands in `RESULTS.md`.
 """
@@ -11,10 +11,9 @@ from time import perf_counter
 import jax
 import numpy as np
 from scipy.stats import chi2
-from support import layered_rows
 
 import mishutter as ms
-from benchmarks import harness
+from benchmarks import harness, layered_rows
 from mishutter.model.motion import AbstractMotion
 
 SPEEDS = (-3375.0, -1125.0, 1125.0, 3375.0)

@@ -1,6 +1,5 @@
 """Commands that take pictures: `simulate` and `reproduce`."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -182,7 +181,6 @@ def simulate(
         note("no PSNR: layers and frames move on their own, so no single picture is the truth")
     if isinstance(speed, tuple) and any(speed):
         note("the sensor is as large as the picture, which goes on mirrored beyond its borders")
-    _warn_beyond(scene, speed)
     estimate = result.found
     if estimate is not None and estimate.doubt:
         note(f"warning: {estimate.doubt}")
@@ -301,25 +299,6 @@ def _subject(
     return read_picture(path, white=white, linear=linear)
 
 
-def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
-    """Warns of a speed in px/s outside the scene's range: its unit may have been forgotten."""
-    if isinstance(speed, tuple):
-        size, fastest = math.hypot(*speed), float(scene.max_speed)
-        if size > fastest:
-            note(
-                f"warning: --speed is {size:,.5g} px/s in all; the scene's go up to {fastest:,.5g} "
-                "px/s. Is its unit missing, as in 0.9m/s,0.2m/s?"
-            )
-        return
-    slowest, fastest = float(scene.speeds.min()), float(scene.speeds.max())
-    # 0 is the default, and a picture at rest.
-    if speed != 0 and not slowest <= speed <= fastest:
-        note(
-            f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g} px/s. "
-            "Is its unit missing, as in 0.9m/s?"
-        )
-
-
 def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
     """The speed of a capture or a burst, with its error if it was found, and its trust in words."""
     from mishutter.decoding.frame_velocity import VelocityEstimate
@@ -333,8 +312,8 @@ def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
     error = estimate.error
     value = ", ".join(_speed_words(float(speed), error) for speed in speeds)
     value += f" {_error_words(error)}" if error > 0 else ", as told"
-    instead = "for this speed anyway" if in_burst else "for all likely speeds"
-    return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
+    instead = ", but used" if in_burst else ": restored for all likely speeds"
+    return value, "trusted" if estimate.trusted else f"not trusted{instead}"
 
 
 def _speed_words(speed: float, error: float) -> str:

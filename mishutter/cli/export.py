@@ -181,12 +181,12 @@ def _deliver(
         step = table.step
         touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
         if touching:
+            which = "1 frame, which" if touching == 1 else f"{touching} frames, which"
             note(
-                f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} "
-                "frames that the next one follows at once: a camera exposed by the width of this "
-                f"trigger has {table.gated_psnr:.2f} dB of {table.sequence.psnr:.2f}; frames.csv "
-                "has the exact times, for a camera that starts at a rising edge and times its own "
-                "exposure"
+                f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {which} the "
+                "next one follows at once: a camera that exposes while its trigger is high has "
+                f"{table.gated_psnr:.2f} dB in place of {table.sequence.psnr:.2f}; frames.csv has "
+                "the exact times, for a camera that times its exposures itself"
             )
     with working("measuring the shutter as driven"):
         document = table.to_dict() | {"files": files}
@@ -238,6 +238,8 @@ def _write(
     table: "DriveTable | FrameTable", folder: Path, form: FormatName, *, returns: bool = False
 ) -> list[str]:
     """Writes a table, its triggers, its picture and the path of its stage; returns their names."""
+    import numpy as np
+
     from mishutter.hardware.drive_files import DRIVE_FORMATS
     from mishutter.hardware.triggers import FrameTable
     from mishutter.report.plots import plot_drive, plot_frames, save_figure
@@ -251,6 +253,9 @@ def _write(
     else:
         save_figure(plot_drive(table), folder / "drive.png")
         files += ["drive.png"]
+    if np.any(table.exposures.pan):
+        pan = ", ".join(f"{speed:,.4g}" for speed in np.atleast_1d(table.exposures.pan))
+        note(f"the camera turns at {pan} px/s meanwhile, which no file here makes it do")
     path = table.stage_csv(returns=returns)
     if path is not None:
         write_text(folder / "stage.csv", path)
@@ -304,10 +309,8 @@ def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
 def _without_path(design: "Design") -> str:
     """The reason for which a design has no path of the stage, in words."""
     velocity = float(design.motion.velocity)
-    if velocity == 0:
-        return "the sensor stays at rest"
-    if design.scene.limits.pans == "camera":
-        return f"the stage stays at rest while the camera pans at {velocity:g} px/s"
+    if velocity == 0 or design.scene.limits.pans == "camera":
+        return "the stage stays at rest"
     return f"the stage pans at {velocity:g} px/s, and no limit sets its run-up: {_TO_LIMIT}"
 
 

@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -186,11 +187,35 @@ class Cameras(NamedTuple):
 def speed_for(
     camera: "AbstractDesign", text: str, scene_file: Path | None
 ) -> float | tuple[float, float]:
-    """The speed of what a camera sees, or its velocity where that sees two axes; px/s."""
+    """The speed of what a camera sees, or its velocity where that sees two axes; px/s.
+
+    One that no thing of its scene has is warned of.
+    """
     from mishutter.model.scene_file import read_speed, read_velocity
 
     read = read_speed if len(camera.exposures.axes) == 1 else read_velocity
-    return read(text, scene_file, "--speed")
+    speed = read(text, scene_file, "--speed")
+    _warn_beyond(camera.scene, speed)
+    return speed
+
+
+def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
+    """Warns of a speed in px/s outside the scene's range: its unit may have been forgotten."""
+    if isinstance(speed, tuple):
+        size, fastest = math.hypot(*speed), float(scene.max_speed)
+        if size > fastest:
+            note(
+                f"warning: --speed is {size:,.5g} px/s in all; the scene's go up to {fastest:,.5g} "
+                "px/s. Is its unit missing, as in 0.9m/s,0.2m/s?"
+            )
+        return
+    slowest, fastest = float(scene.speeds.min()), float(scene.speeds.max())
+    # 0 is the default, and a picture at rest.
+    if speed != 0 and not slowest <= speed <= fastest:
+        note(
+            f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g} px/s. "
+            "Is its unit missing, as in 0.9m/s?"
+        )
 
 
 def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:

@@ -48,7 +48,7 @@ def plan(
             write_json({"scene": understood(scene), "search": grid_words()})
         else:
             rows = understood_rows(scene)
-            print_table("The scene, as it is understood", ("key", "value"), rows)
+            print_table("The scene as understood", ("key", "value"), rows)
             print_text(f"\n{grid_words()}")
         return
     chosen = loss_of(loss, scene)

@@ -20,7 +20,6 @@ from mishutter.camera.rows import instants_within_reach
 from mishutter.decoding.decoders.base import AbstractDecoder, CompleteFrames, blur_model
 from mishutter.decoding.decoders.linear import LEAST_POWER, EnsembleDecoder
 from mishutter.decoding.decoders.plug_and_play import Misfit, PlugAndPlayDecoder
-from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
 from mishutter.decoding.decoders.total_variation import TotalVariationDecoder, advanced
 from mishutter.decoding.frame_likelihood import Level, Own, Prior, exposures_of
 from mishutter.decoding.likeliest import (
@@ -118,7 +117,6 @@ def _likeliest(
 
 def method_in_plane(decoder: AbstractDecoder) -> Decode:
     """The method of a decoder, with the responses of the plane."""
-    decoder = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
     decode = _DECODERS.get(type(decoder))
     words = (
         "be EnsembleDecoder, TotalVariationDecoder or PlugAndPlayDecoder for frames in the plane"

@@ -348,16 +348,15 @@ def speed_on_axis(
     scene: Scene,
     taken: Frames,
     times: RowTimes,
-    told: float | None = None,
+    told: Float[np.ndarray, "1"] | None = None,
 ) -> SpeedEstimate:
     """The velocity along an axis, as a speed."""
-    known = None if told is None else np.array([told])
-    found = velocity_of_frames(planes, scene, taken, times, known)
+    found = velocity_of_frames(planes, scene, taken, times, told)
     doubt, order = found.doubt, np.argsort(found.velocities[:, 0])
     if doubt and min(planes.shape[2:]) > _ROWS_OF_SPEED:
         # The frames may be turned, or their motion be along the other axis.
         turned = np.swapaxes(planes, 2, 3)
-        across = velocity_of_frames(turned, scene, taken, times.turned, known)
+        across = velocity_of_frames(turned, scene, taken, times.turned, told)
         if across.trusted:
             axis = "rows" if scene.sensor.axis == "columns" else "columns"
             doubt = (

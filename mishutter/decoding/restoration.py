@@ -1,6 +1,7 @@
 """A photograph captured and restored at every speed, and the quality of the result."""
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -152,6 +153,25 @@ def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurMode
     shape, method = np.shape(restored), f"{type(decoder).__name__}.restore"
     require(shape == planes.shape, method, f"return planes of shape {planes.shape}", shape)
     return every_colour(channels_last(restored, irradiance), irradiance)
+
+
+def portions(
+    num_rows: int,
+    at_once: int | None,  # all by default
+    beyond: int,
+    report: Callable[[str, float], None],
+) -> Iterator[tuple[slice, slice, slice]]:
+    """Rows of each portion, those with more around them, and where those begin in these."""
+    count = 1 if at_once is None else -(-num_rows // at_once)
+    if num_rows % 2 and count % 2 == 0:
+        count += 1  # the middle row has a portion to be in
+    # Portions are of about equal size; a picture that is turned over has the same.
+    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
+    for first, past in itertools.pairwise(np.union1d(upper, num_rows - upper).tolist()):
+        report("restoring", first / num_rows)
+        above = min(first, beyond)
+        around = slice(first - above, past + beyond)
+        yield slice(first, past), around, slice(above, above + past - first)
 
 
 def restore_photograph(

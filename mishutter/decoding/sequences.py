@@ -15,6 +15,7 @@ from mishutter.camera.sequences import require_speed
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
+from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
 from mishutter.decoding.frame_restoration import (
     method_in_plane,
     restored_in_plane,
@@ -26,10 +27,14 @@ from mishutter.decoding.frame_velocity import (
     velocity_of_frames,
 )
 from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
+from mishutter.decoding.restoration import portions
 from mishutter.decoding.rolling import RowTimes
 from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, transposed
+
+Progress = Callable[[str, float], None]
+"""Function that is called with a sentence about the work and the share of it that is done."""
 
 
 class _Pair(NamedTuple):
@@ -71,7 +76,7 @@ def restore_frames(
     speed: float | RowLike | Sequence[RowLike] | None = None,
     outlines: Int[np.ndarray, "rows columns"] | None = None,
     by_object: bool | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> RestoredFrames:
     """Restore the picture that the frames of a sequence show, each point from those that see it.
 
@@ -120,43 +125,73 @@ def restore_frames(
         >>> print(f"{found.estimate.speed:.1e} px/s, {found.estimate.trusted}")
         7.0e+02 px/s, True
     """
-    in_plane = isinstance(frames, PlaneFrames)
-    require_scene(scene, in_plane=in_plane)
+    require_scene(scene, in_plane=isinstance(frames, PlaneFrames))
     require_known("restore_frames", captures=captures, speed=speed)
     chosen = decoder_or_ensemble(decoder, "restore_frames")
-    if outlines is not None or shows_objects(scene, frames, by_object):
-        count = frames.num_frames if isinstance(frames, PlaneFrames) else len(frames)
-        axis: Axis = "rows" if in_plane else scene.sensor.axis
-        light, planes = _planes_of(captures, count, axis)
-        known = Known(speed, outlines)  # type: ignore[arg-type]
-        found = restored_objects(planes, scene, frames, chosen, known, progress=progress)
-        turned = transposed(found.light, axis)
-        picture = every_colour(turned, light[0]) if light.ndim == 4 else turned[..., 0]
-        light = as_float(transposed(picture, axis))
-        result = RestoredFrames(light, None)
+    is_by_object = outlines is not None or shows_objects(scene, frames, by_object)
+    if not is_by_object:
+        require_whole(scene, "restore_frames")
+        if speed is not None:
+            speed = require_speed("restore_frames(speed=...)", cast(Any, speed), frames)
+    return frames_restored(
+        captures,
+        scene,
+        frames,
+        chosen,
+        Known(speed, outlines),  # type: ignore[arg-type]
+        is_by_object=is_by_object,
+        report=progress or (lambda text, share: None),
+    )
+
+
+@alone_in_blas()
+def frames_restored(
+    captures: ArrayLike | Sequence[ArrayLike],
+    scene: Scene,
+    frames: Sequence[TimedFrame] | PlaneFrames,
+    decoder: AbstractDecoder,
+    known: Known,
+    *,
+    is_by_object: bool,
+    rows_at_once: int | None = None,  # all by default
+    report: Progress,
+) -> RestoredFrames:
+    """Restores frames by what is known of them, along an axis a few rows at a time."""
+    in_plane = isinstance(frames, PlaneFrames)
+    axis: Axis = "rows" if in_plane else scene.sensor.axis
+    count = frames.num_frames if isinstance(frames, PlaneFrames) else len(frames)
+    light, planes = _planes_of(captures, count, axis)
+    decoder = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
+    if is_by_object:
+        found = restored_objects(planes, scene, frames, decoder, known, progress=report)
+        picture = transposed(found.light, axis)
+        result = RestoredFrames(_as_frame(picture, light, axis), None)
         result.objects, result.layers = found.objects, found.layers
         result.labels, result.trust = found.labels, found.trust
         return result
-    require_whole(scene, "restore_frames")
-    if speed is not None:
-        speed = require_speed("restore_frames(speed=...)", cast(Any, speed), frames)
+    if in_plane:
+        method_in_plane(decoder)  # refuses others before it searches
+    times = RowTimes.of(scene.sensor, planes.shape, in_plane=in_plane)
+    told = None if known.speeds is None else np.atleast_1d(np.asarray(known.speeds, np.float64))
+    if told is not None and count == 1:
+        estimate, velocity = None, told
+    else:
+        report("finding the speed" if told is None else "judging the speed", 0.0)
+        find = velocity_of_frames if in_plane else speed_on_axis
+        estimate = find(planes, scene, frames, times, told)
+        is_pair = isinstance(estimate, VelocityEstimate)
+        velocity = estimate.velocity if is_pair else np.array([estimate.speed])
     if isinstance(frames, PlaneFrames):
-        decode = method_in_plane(chosen)
-        light, planes = _planes_of(captures, frames.num_frames, "rows")
-        told = None if speed is None else np.asarray(speed, np.float64)
-        if told is not None and frames.num_frames == 1:
-            picture = restored_in_plane(planes, scene, frames, decode, told)
-            return RestoredFrames(_as_frame(picture, light, "rows"), None)
-        times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
-        estimate = velocity_of_frames(planes, scene, frames, times, told)
-        velocity = estimate.velocity
-        picture = restored_in_plane(planes, scene, frames, decode, velocity)
-        return RestoredFrames(_as_frame(picture, light, "rows"), estimate)
-    told = None if speed is None else float(speed)
-    if told is not None and len(frames) == 1:
-        return RestoredFrames(picture_at(captures, scene, frames, chosen, told), None)
-    found = speed_of_frames(captures, scene, frames, told)
-    return RestoredFrames(picture_at(captures, scene, frames, chosen, found.speed), found)
+        report("restoring", 0.0)
+        picture = restored_in_plane(planes, scene, frames, method_in_plane(decoder), velocity)
+        return RestoredFrames(_as_frame(picture, light, axis), estimate)
+    parts = []
+    num_rows, beyond = planes.shape[2], decoder.rows_beyond
+    for _, around, inner in portions(num_rows, rows_at_once, beyond, report):
+        own = planes[:, :, around], scene, frames, decoder, float(velocity[0])
+        parts.append(restored_on_axis(*own, times=times.of_rows(around))[inner])
+    picture = np.concatenate(parts)
+    return RestoredFrames(_as_frame(picture, light, axis), estimate)
 
 
 def shows_objects(
@@ -169,37 +204,6 @@ def shows_objects(
         return scene.occlusion.background == "still"
     # Objects that are registered one by one may be before a sensor that moves.
     return scene.objects is not None and is_at_rest(frames)
-
-
-@alone_in_blas()
-def speed_of_frames(
-    captures: ArrayLike | Sequence[ArrayLike],
-    scene: Scene,
-    frames: Sequence[TimedFrame],
-    told: float | None = None,
-    times: RowTimes | None = None,
-) -> SpeedEstimate:
-    """The speed that `restore_frames` finds, or is told, without the picture."""
-    _, planes = _planes_of(captures, len(frames), scene.sensor.axis)
-    times = RowTimes.of(scene.sensor, planes.shape) if times is None else times
-    return speed_on_axis(planes, scene, frames, times, told)
-
-
-@alone_in_blas()
-def picture_at(
-    captures: ArrayLike | Sequence[ArrayLike],
-    scene: Scene,
-    frames: Sequence[TimedFrame],
-    decoder: AbstractDecoder,
-    speed: float,
-    *,
-    times: RowTimes | None = None,
-) -> Planes:
-    """The picture that `restore_frames` restores at a speed, which nothing judges."""
-    light, planes = _planes_of(captures, len(frames), scene.sensor.axis)
-    times = RowTimes.of(scene.sensor, planes.shape) if times is None else times
-    picture = restored_on_axis(planes, scene, frames, decoder, speed, times=times)
-    return _as_frame(picture, light, scene.sensor.axis)
 
 
 def _as_frame(

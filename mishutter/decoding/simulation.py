@@ -1,7 +1,6 @@
 """Capture and restoration of one picture, however large, a few rows at a time."""
 
-import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -12,10 +11,8 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core.checks import (
     RowLike,
     require,
-    require_finite,
     require_key,
     require_positive_int,
-    require_scalar,
     shape_of,
 )
 from mishutter.camera.capture import (
@@ -28,7 +25,7 @@ from mishutter.camera.capture import (
 from mishutter.camera.footage import Footage
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import rows_last
-from mishutter.camera.sequences import simulate_frames
+from mishutter.camera.sequences import require_speed, simulate_frames
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_model
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
@@ -40,15 +37,14 @@ from mishutter.decoding.restoration import (
     behind_optics,
     errors_of,
     levels_of,
+    portions,
     restored_light,
 )
-from mishutter.decoding.rolling import RowTimes
 from mishutter.decoding.sequences import (
+    Progress,
     RestoredFrames,
-    picture_at,
-    restore_frames,
+    frames_restored,
     shows_objects,
-    speed_of_frames,
 )
 from mishutter.design.design import AbstractDesign
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
@@ -56,15 +52,11 @@ from mishutter.evaluation.views import sensor_view
 from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.windows import RectShutter
 from mishutter.pictures.images import Axis, Picture, transposed
 
 Estimate = SpeedEstimate | VelocityEstimate
-Progress = Callable[[str, float], None]
-"""Function that is called with a sentence about the work and the share of it that is done."""
-
 _ROWS_AT_ONCE = 128
 """Rows of a portion, which keep the memory of its work to some tens of megabytes."""
 
@@ -142,14 +134,12 @@ def capture_and_restore(
         require(shutter is None, f"{function}(shutter=...)", "be left to the exposures", shutter)
     else:
         exposures = Exposures.of_one(motion, RectShutter() if shutter is None else shutter)
-    in_plane, is_one = exposures.in_plane, exposures.shutter is not None
-    require_scene(scene, in_plane=in_plane)
+    is_one = exposures.shutter is not None
+    require_scene(scene, in_plane=exposures.in_plane)
     require_positive_int(f"{function}(rows_at_once=...)", rows_at_once)
     require_key(f"{function}(key=...)", key)
     chosen = decoder_or_ensemble(decoder, function)
     report = progress if progress is not None else lambda text, share: None
-    axis, along = scene.sensor.axis, scene.along_rows()
-    options = {"speed": speed, "full_well": full_well, "adc_bits": adc_bits}
     if exposures.shutter is not None:
         camera = exposures.motion, exposures.shutter
         capture = partial(simulate_capture, motion=camera[0], shutter=camera[1], border=border)
@@ -158,22 +148,16 @@ def capture_and_restore(
         is_taken = border == "reflect" and not isinstance(subject, Footage)
         require(is_taken, f"{function}(motion=...)", words, exposures)
         capture = partial(simulate_frames, frames=exposures.path)
-    take = partial(capture, scene=along, **options)
-    if scene.sensor.is_rolling and not is_one:
+    options = {"speed": speed, "full_well": full_well, "adc_bits": adc_bits}
+    take = partial(capture, scene=scene, **options)
+    is_whole = exposures.in_plane or (not is_one and shows_objects(scene, exposures.frames))
+    if isinstance(subject, Layers | Footage) or scene.sensor.is_rolling or is_whole:
         report("capturing", 0.0)
-        captured = np.asarray(capture(subject, scene=scene, key=key, **options))
-    elif isinstance(subject, Layers | Footage):
-        report("exposing", 0.0)
-        captured = _turned(np.array(take(subject.transposed(axis), key=key)), axis, exposures)
+        captured = np.asarray(take(subject, key=key))
     else:
-        image = np.asarray(transposed(as_radiance(subject, f"{function}(subject=...)"), axis))
-        if in_plane or (not is_one and shows_objects(scene, exposures.frames)):
-            report("capturing", 0.0)
-            captured = np.asarray(take(image, key=key))
-        else:
-            taken = _taken(image, take, key, rows_at_once, report)
-            captured = np.concatenate(taken, axis=0 if is_one else 1)
-        captured = _turned(captured, axis, exposures)
+        image = np.asarray(as_radiance(subject, f"{function}(subject=...)"))
+        axis = scene.sensor.axis
+        captured = _taken(image, take, key, axis=axis, rows_at_once=rows_at_once, report=report)
     # Layers that a sensor at rest sees move on their own.
     is_several = isinstance(subject, Layers) and len(subject.layers) > 1
     several = is_several and not is_one and sum(exposures.rests) > 1
@@ -193,11 +177,23 @@ def capture_and_restore(
     return simulation
 
 
-def _turned(captured: np.ndarray, axis: Axis, exposures: Exposures) -> np.ndarray:
-    """A capture, or each frame of a burst, `transposed`."""
-    if exposures.shutter is not None or axis == "rows":
-        return np.asarray(transposed(captured, axis))
-    return np.stack([transposed(frame, axis) for frame in captured])
+def _taken(
+    image: np.ndarray,
+    capture: Callable,
+    key: Array | None,
+    *,
+    axis: Axis,
+    rows_at_once: int,
+    report: Progress,
+) -> np.ndarray:
+    """Captures of a few rows at a time, or columns, each with noise of its own."""
+    across, taken = 0 if axis == "rows" else 1, []
+    firsts = range(0, image.shape[across], rows_at_once)
+    for first, part in zip(firsts, np.split(image, firsts[1:], axis=across), strict=True):
+        report("capturing", 0.5 * first / image.shape[across])
+        own_key = None if key is None else jax.random.fold_in(key, first)
+        taken.append(np.asarray(capture(part, key=own_key)))
+    return np.concatenate(taken, axis=across + taken[0].ndim - image.ndim)
 
 
 def _restored(
@@ -212,67 +208,36 @@ def _restored(
     report: Progress,
 ) -> Restoration:
     """The picture by the speed or the objects that are known or found in a capture."""
-    axis, along, told = scene.sensor.axis, scene.along_rows(), known.speeds
-    is_one, frames = exposures.shutter is not None, exposures.frames
+    shutter, frames, told = exposures.shutter, exposures.path, known.speeds
     shows = known.outlines is not None or shows_objects(scene, frames, by_object)
-    is_by_object = shows and not is_one
-    if is_by_object or exposures.in_plane:
-        report("restoring", 0.0)
-        result = restore_frames(
-            captured,
-            scene,
-            frames,
-            decoder=decoder,
-            speed=told,  # type: ignore[arg-type]
-            outlines=known.outlines,
-            by_object=is_by_object,
-            progress=report,
-        )
-        light = np.asarray(result.light)
-        return Restoration(light, result.estimate, result if is_by_object else None)
-    speed = None
-    if told is not None:
-        require_finite("restore(speed=...)", np.asarray(told))
-        require_scalar("restore(speed=...)", np.asarray(told))
-        speed = float(told)  # type: ignore[arg-type]
-    turned = _turned(captured, axis, exposures)
-    shutter, is_rolling = exposures.shutter, scene.sensor.is_rolling
+    is_by_object, is_rolling = shows and shutter is None, scene.sensor.is_rolling
+    if told is not None and not is_by_object:
+        told = require_speed("restore(speed=...)", told, frames)  # type: ignore[arg-type]
     if shutter is not None and is_rolling:
         require_alike_rows("restore(design=...)", exposures.motion, shutter)
     # Rows that are exposed in turn see the same but further on, by a way that a speed tells.
-    if shutter is not None and not (is_rolling and speed is not None):
-        motion = exposures.motion
-        model = blur_model(along, motion, shutter)
-        if speed is not None:
-            model = model.knowing(speed - float(sensor_view(along, motion, shutter).velocity))
-        light, relative = _in_portions(turned, decoder, model, rows_at_once, report)
-        found = None if relative is None else relative.of(along, motion)
-        restored = Restoration(light, found)
-    else:
-        burst = turned[None] if is_one else turned
-        restored = _frames_in_portions(
-            burst,
-            along,
-            exposures.along,
+    if shutter is None or (is_rolling and told is not None):
+        result = frames_restored(
+            captured if shutter is None else captured[None],
+            scene,
+            frames,
             decoder,
-            speed=speed,
-            times=RowTimes.of(scene.sensor, burst.shape[1:3]),
+            known._replace(speeds=told),
+            is_by_object=is_by_object,
             rows_at_once=rows_at_once,
             report=report,
         )
-    return restored._replace(light=transposed(restored.light, axis))
-
-
-def _taken(
-    image: ArrayLike, capture: Callable, key: Array | None, rows_at_once: int, report: Progress
-) -> list[np.ndarray]:
-    """Captures of a few rows at a time, each with noise of its own."""
-    rows, taken = np.asarray(image), []
-    for first in range(0, len(rows), rows_at_once):
-        report("capturing", 0.5 * first / len(rows))
-        own_key = None if key is None else jax.random.fold_in(key, first)
-        taken.append(np.asarray(capture(rows[first : first + rows_at_once], key=own_key)))
-    return taken
+        light = np.asarray(result.light, captured.dtype)
+        return Restoration(light, result.estimate, result if is_by_object else None)
+    axis, along, motion = scene.sensor.axis, scene.along_rows(), exposures.motion
+    model = blur_model(along, motion, shutter)
+    if told is not None:
+        pan = float(sensor_view(along, motion, shutter).velocity)
+        model = model.knowing(float(np.asarray(told)) - pan)
+    turned = transposed(captured, axis)
+    light, relative = _in_portions(turned, decoder, model, rows_at_once, report)
+    found = None if relative is None else relative.of(along, motion)
+    return Restoration(transposed(light, axis), found)
 
 
 def photograph_by_frames(
@@ -417,47 +382,6 @@ def _in_portions(
         planes = rows_last(distinct_colours(captured))
         decoder, model, estimate = informed([decoder], planes, model)[0]
     restored, beyond, num_rows = np.empty_like(captured), decoder.rows_beyond, len(captured)
-    for here, around, inner in _portions(num_rows, rows_at_once, beyond, report):
+    for here, around, inner in portions(num_rows, rows_at_once, beyond, report):
         restored[here] = restored_light(captured[around], decoder, model)[inner]
     return restored, estimate
-
-
-def _frames_in_portions(
-    captured: np.ndarray,
-    scene: Scene,
-    frames: Sequence[TimedFrame],
-    decoder: AbstractDecoder,
-    *,
-    speed: float | None,
-    times: RowTimes,
-    rows_at_once: int,
-    report: Progress,
-) -> Restoration:
-    """The same of the frames of a burst, whose decoder knows the speed that is found in them."""
-    estimate, num_rows = None, captured.shape[1]
-    chosen = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
-    if speed is None or len(frames) > 1:
-        report("finding the speed" if speed is None else "judging the speed", 0.0)
-        estimate = speed_of_frames(captured, scene, frames, speed, times)
-        speed = estimate.speed
-    restored = np.empty_like(captured[0])
-    for here, around, inner in _portions(num_rows, rows_at_once, chosen.rows_beyond, report):
-        part, own = captured[:, around], times.of_rows(around)
-        restored[here] = picture_at(part, scene, frames, chosen, speed, times=own)[inner]
-    return Restoration(restored, estimate)
-
-
-def _portions(
-    num_rows: int, at_once: int, beyond: int, report: Progress
-) -> Iterator[tuple[slice, slice, slice]]:
-    """Rows of each portion, those with more around them, and where those begin in these."""
-    count = -(-num_rows // at_once)
-    if num_rows % 2 and count % 2 == 0:
-        count += 1  # the middle row has a portion to be in
-    # Portions are of about equal size; a picture that is turned over has the same.
-    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
-    for first, past in itertools.pairwise(np.union1d(upper, num_rows - upper).tolist()):
-        report("restoring", first / num_rows)
-        above = min(first, beyond)
-        around = slice(first - above, past + beyond)
-        yield slice(first, past), around, slice(above, above + past - first)

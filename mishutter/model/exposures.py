@@ -90,6 +90,11 @@ class Exposures:
         pan = float(motion.velocity) if turns else 0.0
         return Exposures(ONE_EXPOSURE, (TimedFrame(motion, 0.0),), pan=pan, shutter=shutter)
 
+    def __post_init__(self) -> None:
+        # Frames on a sine know it wherever they are handed on.
+        whole = frames_in(self.frames, is_sine=self.kind == SINE)
+        object.__setattr__(self, "frames", whole)
+
     def __repr__(self) -> str:
         return f"Exposures({self.text})"
 
@@ -109,7 +114,7 @@ class Exposures:
     @property
     def path(self) -> TimedFrames | FramePath:
         """The way of the sensor through them, along one axis or two."""
-        return frames_in(self.frames, is_sine=self.kind == SINE)
+        return self.frames  # type: ignore[return-value]
 
     @property
     def along(self) -> TimedFrames:
@@ -257,11 +262,11 @@ class Exposures:
 
     @property
     def lengths(self) -> str:
-        """Exposures in words: each that occurs, with its number where stills differ in them."""
+        """Exposures in words: each that occurs, with its number, or all in an order that counts."""
         kinds, every = Counter(self._each), self._each
         if len(kinds) > _MOST_NAMED:
             return f"{self._range} ms"
-        if self.moves or set(kinds.values()) == {1} or len(kinds) == 1:
+        if set(kinds.values()) == {1} or len(kinds) == 1:
             return f"{_listed(kinds)} ms"
         num_runs = 1 + sum(one != other for one, other in pairwise(every))
         if num_runs > len(kinds) and len(every) <= _MOST_LISTED:  # in an order that counts

@@ -500,9 +500,9 @@ def _doubts(file: Decoded, path: Path, white: float | None, linear: bool) -> tup
     if white is None and 0 < most < 1 << _DEPTHS[-1]:
         depth = next(bits for bits in _DEPTHS if most < 1 << bits)
         doubts.append(
-            f"{path}: its greatest value is {most} of 65535, as of {depth} bits in 16; "
-            f"they are read right with `white` {(1 << depth) - 1}, and with `linear` if a camera "
-            "recorded them without gamma"
+            f"{path}: its greatest value is {most} of 65535; if its values are {depth} bits in 16, "
+            f"read them with `white` {(1 << depth) - 1}, and with `linear` if a camera recorded "
+            "them without gamma"
         )
     if file.doubt and not linear:
         doubts.append(f"{path}: {file.doubt}")

@@ -161,15 +161,17 @@ def _path(row: Row) -> str:
 
 def _way_of_frames(frames: Exposures, *, short: bool = False) -> str:
     """The way of the sensor over several frames."""
+    turns = " while the camera turns" if np.any(frames.pan) else ""
     if not frames.moves or frames.stroke < AT_REST:
-        return " while the camera turns" if np.any(frames.pan) else " at rest"
+        return turns or " at rest"
     rests, moving = frames.num_rests, frames.num_frames - frames.num_rests
     if rests:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
-        return f", the {which} moving" if short else f", the stage moving during the {which}"
+        during = f", the {which} moving" if short else f", the stage moving during the {which}"
+        return f"{turns}{during}"
     travel = _at_most(frames.travel) if frames.in_plane else frames.travel
     way = _WAYS.get(frames.kind, _ANY_WAY)[1].format(way=f"{three_digits(travel)} px")
-    return f" while the stage {way}"
+    return f"{turns} and the stage {way}" if turns else f" while the stage {way}"
 
 
 def _at_most(value: float) -> float:
@@ -243,6 +245,9 @@ def sentences_of(
         said.append(_on_objects(scene.occlusion))
     if choice.hides_speed:
         said.append("The speed cannot be found: the blur differs too little between the speeds.")
+    if choice.sequence is not None and np.any(choice.sequence.pan):
+        pan = ", ".join(f"{speed:,.4g}" for speed in np.atleast_1d(choice.sequence.pan))
+        said.append(f"The camera turns at {pan} px/s.")
     if STAGE in choice.required_hardware:
         said.append(_on_stage(scene, rows, choice))
     one_filter = scene.velocities is not None and scene.decoder_speed == "unknown"
@@ -412,9 +417,9 @@ def _on_objects(layers: Occlusion | None) -> str:
     if not layers.has_edges:
         return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
     return (
-        "Levels of frames count what edges cost `restore`, which finds speeds and outlines in "
-        "frames at rest: told the speeds, they are its mean over photographs at 1e5 e-/s, of which "
-        f"one is 2 dB above or below; where it found them, it lost 1 dB more. {why}"
+        "Levels of frames include what edges cost `restore` where it is told the speeds and finds "
+        "the outlines, in the mean over photographs at 1e5 e-/s: a single one is 2 dB above or "
+        f"below. Where it finds the speeds too, it loses 1 dB more. {why}"
     )
 
 
@@ -476,16 +481,16 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
     """The assumption on the width of the objects, which move while there are exposures."""
     layers = scene.occlusion
     if layers is not None:
-        width = (
-            "" if layers.object_width is None else f", {float(layers.object_width):,.4g} px wide,"
-        )
+        width = layers.object_width
+        wide = "" if width is None else f"{float(width):,.4g} px wide "
         return (
-            f"objects over {float(layers.front_share):.0%} of the picture{width} before a "
+            f"objects {wide}that cover {float(layers.front_share):.0%} of the picture, before a "
             f"{'background at rest' if layers.background == 'still' else 'moving background'} with "
             "detail like theirs (before one that is dark and empty say [objects])"
         )
     if scene.objects is not None:
-        return f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
+        registered = ", each registered" if exposures.num_frames > 1 else ""
+        return f"objects at least {float(scene.objects.width):,.4g} px wide{registered}"
     way = math.ceil(float(scene.max_speed) * exposures.duration)
     return (
         f"the picture moves as a whole, or its objects are much wider than {way:,} px (else say "
@@ -574,7 +579,7 @@ def comparison_notes(
     if scene.device is not None:
         levels = [e.psnr_ignoring_lag for e in entries.values() if isinstance(e, Design)]
         notes += [
-            f"Sent unchanged, a design for an ideal device reaches {level:.2f} dB."
+            f"A design for an ideal shutter, sent to this one unchanged, reaches {level:.2f} dB."
             for level in dict.fromkeys(levels)
             if level is not None
         ]
@@ -587,13 +592,13 @@ def comparison_notes(
         notes.append(
             "Levels ignore the tolerances: those apply to one filter and the mean over speeds."
         )
-    times = None if scene.burst is None else FrameTimes.of(scene, scene.burst)
-    if scene.burst is not None and times is not None and not times.holds_several:
-        rate, window = float(scene.burst.frames_per_s), 1e3 * times.window
-        more = "" if scene.burst.max_frames == 1 else "; say a longer [burst] window_ms"
+    burst = scene.burst
+    if burst is not None and burst.max_frames == 1:
+        notes.append("No burst is compared: [burst] max_frames is 1.")
+    elif burst is not None and not (times := FrameTimes.of(scene, burst)).holds_several:
         notes.append(
-            f"No burst is compared: at {rate:.3g} frames/s only one frame fits into the window of "
-            f"{window:.4g} ms{more}."
+            f"No burst is compared: at {float(burst.frames_per_s):.3g} frames/s only one frame "
+            f"fits into the window of {1e3 * times.window:.4g} ms; say a longer [burst] window_ms."
         )
     return tuple(notes)
 

@@ -189,7 +189,7 @@ class Row:
     def pan_words(self) -> str:
         """The velocity of one exposure at its middle; px/s."""
         velocity = float(self.motion.velocity)
-        return f"{velocity:.0f}" if abs(velocity) >= 100 else f"{velocity:.3g}"
+        return f"{velocity:,.0f}" if abs(velocity) >= 100 else f"{velocity:.3g}"
 
     @cached_property
     def kind(self) -> tuple[bool, bool]:

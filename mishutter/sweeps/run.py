@@ -24,7 +24,7 @@ from mishutter._core.progress import counts
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.metrics import METRICS
 from mishutter.evaluation.speed_knowledge import SpeedKnowledge, metrics_of
-from mishutter.model.scene import Scene
+from mishutter.model.scene import Scene, require_one_axis
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.windows import TukeyShutter
@@ -120,6 +120,8 @@ def sweep(
     subject, noun = "sweep(scenes=...)", "scene, as `Scene.load(path)` reads one from a file,"
     named_scenes = named(subject, scenes, Scene, noun)
     require_known("sweep", scenes=named_scenes)
+    for scene in named_scenes.values():
+        require_one_axis(scene)
     first, *others = named_scenes.values()
     shared = first.device, first.sensor.full_well
     is_shared = all(bool(eqx.tree_equal(shared, (s.device, s.sensor.full_well))) for s in others)
@@ -173,10 +175,10 @@ def _filled(
     """The results of a grid, of which a store may hold some."""
     with nullcontext() if scheduler is None else connection(scheduler) as client:
         blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
-        missing, total = blocks.missing(), len(grid.blocks())
-        _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
-        num_points = grid.num_points(grid.blocks())
+        missing, num_points = blocks.missing(), grid.num_points(grid.blocks())
         done = num_points - grid.num_points(missing)
+        if done:
+            _LOG.info("%d of %d points are in '%s' already", done, num_points, store)
         told = progress if callable(progress) else lambda done, total: None
         with counts(progress is True, "sweeping", num_points, _WHY_NO_POINT) as counter:
             # Points of blocks that are under way; threads share no block.
@@ -204,7 +206,6 @@ def _filled(
                 done += grid.num_points([block])
                 del within[block]
                 told(tell(), num_points)
-    _LOG.info("%d block%s computed", len(missing), "" if len(missing) == 1 else "s")
     return blocks.dataset()
 
 

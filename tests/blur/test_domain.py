@@ -124,7 +124,7 @@ cases = st.fixed_dictionaries(
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(cases)
 @example(CORPUS["a short taper on a long stroke"])
 def test_losses_are_finite_wherever_they_are_asked_for(chosen):

@@ -30,6 +30,7 @@ from mishutter.cli import (
     app,
     camera,
     export,
+    laboratory,
     plane_command,
     restore_command,
     sweep_command,
@@ -69,7 +70,7 @@ def test_a_speed_is_told_with_its_error_and_trust():
         (told._replace(speed=0.0304, error=4e-2), False, ("0.0304 +- 0.04", "trusted")),
         (nothing, False, ("none", "restored for all speeds of the scene")),
         (a_velocity(), True, ("432, -1,208 +- 13", "trusted")),
-        (doubted, True, ("432, -1,208 +- 13", "not trusted: restored for this speed anyway")),
+        (doubted, True, ("432, -1,208 +- 13", "not trusted, but used")),
         (
             a_speed()._replace(trusted=False),
             False,
@@ -120,9 +121,9 @@ def test_a_velocity_outside_those_of_the_scene_asks_for_its_unit(capsys):
     """By its size, in whatever direction."""
     scene = a_plane_design().scene
     fastest = float(scene.max_speed)
-    camera._warn_beyond(scene, (-0.6 * fastest, 0.79 * fastest))
+    laboratory._warn_beyond(scene, (-0.6 * fastest, 0.79 * fastest))
     assert capsys.readouterr().err == ""
-    camera._warn_beyond(scene, (-0.7 * fastest, 0.8 * fastest))
+    laboratory._warn_beyond(scene, (-0.7 * fastest, 0.8 * fastest))
     size = fastest * np.hypot(0.7, 0.8)
     assert f"--speed is {size:,.5g} px/s in all; the scene's go up to" in capsys.readouterr().err
 
@@ -194,14 +195,14 @@ def test_files_of_a_camera_stand_for_its_parts(tmp_path, capsys):
 
 
 def test_why_a_design_has_no_path_is_said():
-    """Of a sensor at rest, of a camera that pans, and of a stage that does without a limit."""
+    """Of a stage at rest, also below a camera that pans, and of one that pans without a limit."""
     still = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
-    assert export._without_path(still) == "the sensor stays at rest"
+    assert export._without_path(still) == "the stage stays at rest"
     panning = replace(still, motion=LinearMotion(half_exposure=0.01, velocity=-312.5))
     assert "the stage pans at -312.5 px/s, and no limit" in export._without_path(panning)
     scene = Scene([-300.0], photon_rate=1e5, read_noise=3.0, limits=Limits(pans="camera"))
     words = export._without_path(replace(panning, scene=scene))
-    assert words == "the stage stays at rest while the camera pans at -312.5 px/s"
+    assert words == "the stage stays at rest"
 
 
 def test_losses_of_a_drive_stand_beside_the_design(capsys):

@@ -20,7 +20,8 @@ from support.videos import film
 
 import mishutter as ms
 from mishutter import cli
-from mishutter.cli.camera import _error_words, _warn_beyond
+from mishutter.cli.camera import _error_words
+from mishutter.cli.laboratory import _warn_beyond
 
 # No message tells this limit to a pixel, and a test just below it would decode 150 megapixels.
 from mishutter.pictures.images import MAX_PIXELS

@@ -61,6 +61,21 @@ def test_a_burst_says_that_its_stage_travels_too_far(travel, tmp_path, capsys):
     assert ("stage.csv travels" in said) == (travel is not None)
 
 
+@pytest.mark.parametrize(
+    ("pan", "words"), [(-1250.0, "-1,250"), ((880.0, -35.5), "880, -35.5"), (0.0, None)]
+)
+def test_a_camera_that_turns_is_told_of(pan, words, tmp_path, capsys):
+    """Beside the files, which are for the stage and the shutter."""
+    design = a_plane_design() if np.ndim(pan) else a_burst_design()
+    own = replace(design, sequence=replace(design.sequence, pan=pan))
+    _write(frame_table(own, num_steps=64), tmp_path, FormatName("csv"))
+    said = " ".join(capsys.readouterr().err.split())
+    if words is None:
+        assert "the camera turns" not in said
+    else:
+        assert f"the camera turns at {words} px/s meanwhile" in said
+
+
 def test_a_trigger_is_of_the_row_that_is_read_first(capsys):
     """The middle row comes half of the readout later, and the last all of it; so in a document."""
     table = frame_table(a_burst_design(sensor=Sensor(readout=5e-3)), num_steps=64)

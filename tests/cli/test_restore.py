@@ -266,7 +266,7 @@ def test_a_folder_holds_the_frames(burst_desk, capsys):
     assert cli.main([*command, "--speed", "900"]) == 0
     out, err = capsys.readouterr()
     assert re.search(r"Speed\s+frames +px/s", out)
-    assert re.search(r"f2.png to f10.png +900, as told +not trusted: restored for this", out)
+    assert re.search(r"f2.png to f10.png +900, as told +not trusted, but used", out)
     assert "warning: f2.png to f10.png: " in err
     (folder / "empty").mkdir()
     line = refused(capsys, "restore", "empty", *command[2:])

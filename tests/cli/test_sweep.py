@@ -16,6 +16,7 @@ from mishutter.cli.sweep_command import (
     _rows,
 )
 from mishutter.evaluation.metrics import METRICS
+from mishutter.model.scene_file import example_scene_text
 
 RANGES = ["--acceleration", "3e4:1.2e5:2", "--exposure", "6:18:2"]
 
@@ -118,10 +119,10 @@ def test_json_and_a_store(scene_file, tmp_path, capsys):
     assert set(document["best"]["expected_psnr"]) >= {"shutter", "stroke_px", "over_snapshot"}
     # Of two values, both are ends.
     assert document["best"]["expected_psnr"]["at_end_of"] == "acceleration, half_exposure"
-    assert "0 of 1 blocks found, 1 to compute" in first.err
+    assert "already" not in first.err
     assert cli.main(command) == 0
     second = capsys.readouterr()
-    assert "1 of 1 blocks found, 0 to compute" in second.err
+    assert f"4 of 4 points are in '{tmp_path / 'a.zarr'}' already" in second.err
     assert second.out == first.out
 
 
@@ -248,3 +249,18 @@ def test_whole_exposures_are_twice_their_halves():
         options = {"--exposure": whole}, {"--half-exposure": half}
         found = _halves(*options, False, "above 0", 1e-3)
         np.testing.assert_allclose(found, [0.003, 0.006, 0.009])
+
+
+def test_things_in_any_direction_are_refused_before_anything_is_written(tmp_path, capsys):
+    """One line, and no store: a sweep is along one axis."""
+    text = example_scene_text().split("[motion]")[0]
+    before = "uniform = { min_px_per_s = -4500, max_px_per_s = 4500, count = 9 }"
+    assert before in text
+    path, store = tmp_path / "disc.toml", tmp_path / "a.zarr"
+    path.write_text(text.replace(before, "any_direction = { max_px_per_s = 2500 }"))
+    assert cli.main(["sweep", str(path), "--store", str(store)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    (line,) = shown.err.splitlines()
+    assert "`scene` must move along one axis here" in line
+    assert not store.exists()

@@ -17,6 +17,7 @@ from mishutter import (
     Layers,
     Limits,
     Picture,
+    RectShutter,
     Scene,
     Sensor,
     StillCamera,
@@ -130,6 +131,16 @@ def test_a_burst_captured_and_restored_in_portions(light):
         capture_and_restore(light, ACROSS, burst, border="edge")
     with pytest.raises(ValueError, match=r"shutter=...\)` must be left to the exposures; got"):
         capture_and_restore(light, ACROSS, burst, CAMERA[1])
+
+
+@pytest.mark.parametrize("axis", ["rows", "columns"])
+def test_a_rolling_capture_in_portions_is_that_at_once(axis):
+    """Its rows are exposed one after another from the first of all, not of each portion."""
+    scene = Scene([450.0], **GIVEN, sensor=Sensor(axis=axis, readout=0.01))
+    camera = StillCamera(half_exposure=2e-3), RectShutter()
+    whole = simulate_capture(LIGHT, scene, *camera, speed=2450.0)
+    parts = capture_and_restore(LIGHT, scene, *camera, speed=2450.0, rows_at_once=20)
+    np.testing.assert_array_equal(parts.captured, whole)
 
 
 @pytest.mark.slow

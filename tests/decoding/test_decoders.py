@@ -23,10 +23,7 @@ from mishutter.decoding import decoders
 from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import (
-    ensemble_filter,
     expected_squared_error,
-    squared_error_of,
-    wiener_filter,
 )
 
 # The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
@@ -106,39 +103,6 @@ def test_a_model_knows_the_scene():
     np.testing.assert_allclose(response, wanted, atol=1e-12)
 
 
-def test_no_filter_leaves_less_than_the_ensemble_filter():
-    """At any frequency; and what it leaves, over all of a DFT, is the error to expect."""
-    model, length = blur_model(scene(), camera(), ms.RectShutter()), 600
-    power, responses = model.picture_spectrum(length), model.responses(length)
-
-    def left(gain):
-        missed = model.weights @ np.abs(1 - gain * responses) ** 2
-        return power * missed + model.noise * np.abs(gain) ** 2
-
-    best = ensemble_filter(model, length)
-    for other in (best * 1.001, best * 0.999, best + 1e-3j, best - 1e-3j):
-        assert np.all(left(other) > left(best) * (1 - 1e-12))
-    whole = np.concatenate([left(best), left(best)[1:-1][::-1]])
-    assert expected_squared_error(model, length) == pytest.approx(np.mean(whole), rel=1e-12)
-
-
-def test_the_error_of_a_picture_has_the_noise_of_its_own_light():
-    """A brighter picture of the same detail has more shot noise, whatever the scene's mean."""
-    model = blur_model(scene(), camera(), ms.HannShutter())
-    detail = 0.1 * np.random.default_rng(5).uniform(-1, 1, (3, 270))
-    detail -= detail.mean()
-    dim, middle, bright = (
-        squared_error_of(model, mean + detail, np.array([430.0])).item() for mean in (0.2, 0.3, 0.7)
-    )
-    length = 2 * detail.shape[-1]
-    gain = np.abs(ensemble_filter(model, length)) ** 2
-    passed = (gain[0] + 2 * gain[1:-1].sum() + gain[-1]) / length
-    wanted = passed * (model.noise_at(0.3) - model.noise_at(0.2))
-    assert wanted > 0
-    assert middle - dim == pytest.approx(wanted, rel=1e-6)
-    assert bright - middle == pytest.approx(4 * wanted, rel=1e-6)
-
-
 def test_a_spectrum_between_its_steps():
     """It goes on by equal ratios, as those of photographs do more nearly than by differences."""
     steps, wanted = (np.arange(256) + 0.5) / 512, np.fft.rfftfreq(1000)[1:-1]
@@ -212,23 +176,6 @@ def test_richardson_lucy_is_that_of_scikit_image(num_taps):
     found = richardson_lucy(blurred, taps)
     assert found.dtype == jnp.float32
     np.testing.assert_allclose(found, wanted, atol=1e-4)
-
-
-def test_wiener_is_that_of_scikit_image():
-    """On periodic rows the filter is scikit-image's `wiener` with the same two spectra."""
-    from skimage.restoration import wiener as reference
-
-    known = bright()
-    model = blur_model(known, camera(), ms.HannShutter())
-    length = 511  # odd: the highest frequency of an even one has no sign, which the two round apart
-    rows = photograph()[:1, :length, 0]
-    response = model.assumed_response(length)
-    captured = np.fft.irfft(np.fft.rfft(rows) * response, length)
-    penalty = np.sqrt(model.noise / model.picture_spectrum(length)).astype(complex)
-    taps = np.fft.fftshift(np.fft.irfft(response, length))
-    wanted = reference(captured, taps[None], 1.0, reg=penalty[None], is_real=True, clip=False)
-    found = np.fft.irfft(np.fft.rfft(captured) * wiener_filter(model, length), length)
-    np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
 @pytest.mark.slow

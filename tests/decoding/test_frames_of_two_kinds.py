@@ -16,9 +16,8 @@ from mishutter import (
     restore_frames,
     simulate_frames,
 )
-from mishutter.decoding.frame_doubts import Evidence, Words
 from mishutter.decoding.frame_likelihood import Own, Prior, slope_at
-from mishutter.decoding.likeliest import Fit, noises_of
+from mishutter.decoding.likeliest import noises_of
 
 PICTURE = np.asarray(example_picture().light)[100:220, 200:330, 1].astype(np.float64)
 
@@ -84,18 +83,6 @@ def test_in_bright_light_a_velocity_errs_by_the_floor(axes):
     assert estimate.trusted
 
 
-@pytest.mark.parametrize(
-    ("exposures", "duration"), [((0.02, 0.11), 0.11), ((0.02, 0.03), 0.065), ((0.11, 0.02), 0.11)]
-)
-def test_things_move_for_the_longest_exposure_where_that_outlasts_the_way_between(
-    exposures, duration
-):
-    """Two frames of 0.11 and 0.02 s are 0.065 s apart, and the longer one alone shows more."""
-    frames = in_plane((-0.0297, 0.0353), exposures)
-    own = Own(np.zeros((2, 9, 8)), np.ones(2), frames, Prior(scene_of(2, 1e4)))
-    assert own.duration == pytest.approx(duration)
-
-
 def test_total_variation_is_best_where_a_picture_is_flat():
     """Of a picture of three levels, with sides of unlike length and frames of unlike exposure."""
     scene, velocity = scene_of(2, 1e4), np.array([60.0, -45.0])
@@ -148,43 +135,3 @@ def test_a_place_of_the_picture_pulls_in_one_tile_of_all_frames():
         assert np.sum(pixels) == 2 * 64 * 96
         tiles.append(np.argmax(pulls, axis=1))
     np.testing.assert_array_equal(*tiles)
-
-
-WORDS = Words("velocity", "reasons", "parts", "beyond")
-
-
-def evidence(step: tuple[float, float], misfit: float = 1.0, elsewhere: float = 9.0) -> Evidence:
-    """Two frames of 60 x 200 px, a step apart, that fit one picture with some misfit."""
-    one, some = np.ones(2), np.zeros((2, 2))
-    fit = Fit(misfit, one, 0 * one, 0 * one, some, some + 0.01, np.zeros(4))
-    return Evidence(
-        frames=np.random.default_rng(2).normal(0.3, 0.1, (2, 60, 200)),
-        noises=0.01 * one,
-        places=np.array([[0.0, step[0]], [0.0, step[1]]]),
-        fit=fit,
-        compared=fit,
-        elsewhere=elsewhere,
-        rivals=[],
-        lead=1e6,
-        middle=1e6,
-        is_within=True,
-    )
-
-
-@pytest.mark.parametrize(
-    ("step", "doubt"), [((120.0, 0.0), ""), ((0.0, 120.0), "moves by 120 px"), ((0.0, 30.0), "")]
-)
-def test_steps_are_measured_by_the_side_along_them(step, doubt):
-    """Of 60 x 200 px, 120 along rows leave 40 % of a frame in the next, and down none of it."""
-    said = evidence(step).doubt(0.1, WORDS)
-    assert doubt in said if doubt else said == ""
-
-
-@pytest.mark.parametrize(
-    ("misfit", "elsewhere", "is_doubted"),
-    [(1.5, 2.0, True), (1.5, 2.6, False), (1.9, 4.0, True), (1.9, 6.0, False), (1.2, 1.3, False)],
-)
-def test_a_misfit_is_judged_by_what_detail_would_leave_elsewhere(misfit, elsewhere, is_doubted):
-    """Both above the 1 of noise: 0.5 of 1.0 is much, and 0.5 of 1.6 little; 0.9 of 3 and of 5."""
-    said = evidence((10.0, 0.0), misfit, elsewhere).doubt(0.1, WORDS)
-    assert ("do not fit one picture" in said) == is_doubted

@@ -288,14 +288,6 @@ def test_what_turns_is_as_good_as_in_the_one_frame(decoder):
     assert min(worst) > -1
 
 
-def test_frames_count_beside_a_typical_one_by_their_light():
-    """Three short frames and a long one: the noise of a picture that all of them give."""
-    own = stills(np.full((4, 8, 9), 0.3), exposures=np.array([0.004, 0.004, 0.004, 0.016]))
-    noises = [0.3 / n + (READ_NOISE / n) ** 2 for n in RATE * own.exposures]
-    assert own.typical_noise(0.3) == pytest.approx(4 / np.sum(1 / np.array(noises)))
-    np.testing.assert_allclose(own.weights, own.typical_noise(0.3) / noises)
-
-
 def test_an_outline_is_where_a_thing_is_at_the_time_0():
     """Though all frames are later: in the first it is 20 px further down and 15 to the left."""
     one = thing(7, (52.0, 70.0), 23.0, (400.0, -300.0))

@@ -26,7 +26,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.camera.plane_frames import aperture_on, responses_in_plane
-from mishutter.decoding.frame_likelihood import Own, Prior, climbed
+from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.frame_velocity import VelocityEstimate, _Burst, velocity_of_frames
 from mishutter.decoding.likeliest import fit_of, noises_of
 from mishutter.decoding.rolling import RowTimes
@@ -100,24 +100,6 @@ def test_a_circle_is_restored_to_its_limit(monkeypatch):
     assert found.estimate.misfit == pytest.approx(fit.misfit, rel=0.02)
 
 
-@pytest.mark.slow
-def test_slopes_of_the_likelihood_are_its_differences():
-    """And a step by Gauss and Newton ends near the peak, from pixels of either size."""
-    frames, scene = frames_of("A", 4, "sines"), replace(SCENE, photon_rate=3e3)
-    captures, _ = a_field(frames, VELOCITY, 64, 5, scene)
-    noises = noises_of(scene, frames.exposures, 0.25)
-    beside = VELOCITY + np.array([16.0, -12.0])
-    for size in (1, 2):
-        level = Own(captures - 0.25, noises, frames, Prior(SCENE)).level(beside[None], size)
-        step = climbed(level, beside, 1e-5)
-        for axis, side in enumerate(0.5 * np.eye(2)):
-            ends = level.logarithms(beside + np.array([[1], [-1]]) * side, 1e-5)
-            assert step.slope[axis] == pytest.approx(ends[0] - ends[1], rel=0.02, abs=0.02)
-        errors = np.sqrt(np.diag(np.linalg.inv(step.information)))
-        assert np.all(np.abs(step.best - VELOCITY) < 4 * errors)
-        assert np.all(errors < 20)
-
-
 def shown(kind="sines", count=4, velocity=VELOCITY, size=(96, 112), scene=SCENE, seed=3):
     """Frames of a photograph that is wider than the sensor, and the part that the sensor shows."""
     picture = np.asarray(example_picture().light)[100:340, 200:460, 1].astype(np.float64)
@@ -137,12 +119,16 @@ def shown(kind="sines", count=4, velocity=VELOCITY, size=(96, 112), scene=SCENE,
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "count", "velocity"),
-    [("sines", 4, (610.0, -470.0)), ("still", 4, (-350.0, 900.0)), ("sines", 8, (20.0, 1100.0))],
+    ("kind", "count", "velocity", "size"),
+    [
+        ("sines", 4, (610.0, -470.0), (72, 84)),
+        ("still", 4, (-350.0, 900.0), (96, 112)),
+        ("sines", 8, (20.0, 1100.0), (72, 84)),
+    ],
 )
-def test_frames_tell_the_velocity(kind, count, velocity):
+def test_frames_tell_the_velocity(kind, count, velocity, size):
     """To within its error and without a doubt; light enters and leaves at all four borders."""
-    captures, truth, frames = shown(kind, count, np.array(velocity))
+    captures, truth, frames = shown(kind, count, np.array(velocity), size=size)
     scene = Scene.any_direction(1200.0, photon_rate=3e4, read_noise=10.0)
     light, estimate = restore_frames(captures, scene, frames)
     assert isinstance(estimate, VelocityEstimate)
@@ -177,23 +163,10 @@ def test_errors_of_a_picture_with_little_detail_hold(kind):
     assert np.mean(scores) < 6
 
 
-def test_an_ellipse_is_that_of_its_covariance():
-    """Half axes and the angle of the longer, and the speed in its direction."""
-    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    covariance = turn @ np.diag([9.0, 4.0]) @ turn.T
-    estimate = VelocityEstimate(
-        np.array([3.0, 4.0]), covariance, True, np.zeros((1, 2)), np.ones(1), "", 1.0
-    )
-    long, short, angle = estimate.ellipse
-    assert (long, short, estimate.error, estimate.speed) == pytest.approx((3, 2, 3, 5))
-    assert np.tan(angle) == pytest.approx(0.75)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoilt", "doubt"),
     [
-        ("none", ""),
         ("order", "do not fit|off its place"),
         ("repeated", "the same"),
         ("black", "Frame 3 of 4 is black"),
@@ -204,8 +177,8 @@ def test_an_ellipse_is_that_of_its_covariance():
     ],
 )
 def test_frames_that_fit_no_picture_are_not_trusted(spoilt, doubt):
-    """Each with its reason; the same frames as they came are."""
-    captures, _, frames = shown()
+    """Each with its reason."""
+    captures, _, frames = shown(size=(64, 76))
     if spoilt == "order":
         captures = captures[[0, 2, 1, 3]]
     elif spoilt == "repeated":
@@ -221,11 +194,8 @@ def test_frames_that_fit_no_picture_are_not_trusted(spoilt, doubt):
     elif spoilt == "design":
         frames = frames_of("A", 4, "circle")
     estimate = estimate_of(captures, NARROW, frames)
-    assert estimate.trusted == (spoilt == "none")
-    if doubt:
-        assert any(word in estimate.doubt for word in doubt.split("|")), estimate.doubt
-    else:
-        assert estimate.doubt == ""
+    assert not estimate.trusted
+    assert any(word in estimate.doubt for word in doubt.split("|")), estimate.doubt
 
 
 def test_a_velocity_that_is_told_is_judged():

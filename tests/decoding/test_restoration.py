@@ -33,7 +33,7 @@ def gaussian_rows(rows=96, columns=1200, seed=3):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shutter", [ms.RectShutter(), ms.HannShutter()], ids=["rect", "hann"])
-@pytest.mark.parametrize("photon_rate", [3e4, 3e5, 1e7])
+@pytest.mark.parametrize("photon_rate", [3e4, 1e7])
 def test_measured_error_is_the_expected_one(shutter, photon_rate):
     """The ensemble filter leaves the error of its closed form, which is that of `evaluate`."""
     known = scene(photon_rate=photon_rate)
@@ -181,23 +181,6 @@ def test_decoders_see_the_same_captures():
         alone = ms.restore_photograph(*given, decoder=decoder, num_seeds=2)
         assert np.allclose(together[name].psnr, alone.psnr, rtol=1e-12)
         assert np.array_equal(together[name].captured, together["Wiener"].captured)
-
-
-def test_levels_and_their_standard_errors():
-    """Of means of squared errors in linear light, of means of dB with gamma; weighted or not."""
-    squared = np.array([[1e-3, 2e-3, 6e-3], [4e-4, 5e-4, 3e-4]])
-    coded = np.array([[30.0, 27.0, 24.0], [34.0, 33.0, 35.0]])
-    trials = [_Errors(s[:, None], c[:, None]) for s, c in zip(squared, coded, strict=True)]
-    speeds = np.array([0.0, 310.0])
-    found = levels_of(speeds, np.array([0.7, 0.3]), trials, 0)
-    np.testing.assert_allclose(found.psnr, [27, 34])
-    np.testing.assert_allclose(found.linear_psnr, -10 * np.log10([3e-3, 4e-4]))
-    np.testing.assert_allclose(found.standard_error, np.array([3, 1]) / np.sqrt(3))
-    spread = np.array([np.sqrt(7) * 1e-3 / 3e-3, 1e-4 / 4e-4]) / np.sqrt(3)
-    np.testing.assert_allclose(found.linear_standard_error, 10 / np.log(10) * spread)
-    assert found.mean_psnr == pytest.approx(-10 * np.log10(0.7 * 3e-3 + 0.3 * 4e-4))
-    equal = levels_of(speeds, None, trials, 0)
-    assert equal.mean_psnr == pytest.approx(-10 * np.log10(1.7e-3))
 
 
 @pytest.mark.slow

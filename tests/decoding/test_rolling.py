@@ -137,8 +137,8 @@ def test_a_picture_stands_where_its_frames_say(readout, late):
     assert np.sqrt(np.mean((found - truth)[:, inner] ** 2)) < 0.01
 
 
-def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
-    """Rows that are exposed early and late see it on the sine in the gaps too."""
+def on_a_sine():
+    """Three frames about the turning points of a sine, and a scene whose rows are read slowly."""
     half, period, height = 0.006, 0.02, 25.0
     ends, turn = np.linspace(-half, half, 41), np.pi / period
     rates = height * turn**2 * np.cos(turn * (ends[1:] + ends[:-1]) / 2) / 2
@@ -146,10 +146,26 @@ def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
     frames = [TimedFrame(x, (k - 1) * period, k % 2 * 2 * height) for k, x in enumerate(motions)]
     limits, sensor = Limits(max_acceleration=2e6), Sensor(readout=0.015)
     scene = Scene([1500.0], photon_rate=1e7, read_noise=2, limits=limits, sensor=sensor)
-    sequence = Exposures(SINE, tuple(frames), 0.0, 0.0, 0.0)
+    return scene, frames, Exposures(SINE, tuple(frames), 0.0, 0.0, 0.0)
+
+
+def test_a_stage_on_a_sine_is_simulated_as_it_is_restored():
+    """Rows that are exposed early and late see it on the sine in the gaps too."""
+    scene, _, sequence = on_a_sine()
     light = example_picture().light[200:216]
     found = capture_and_restore(light, scene, sequence, speed=1500.0).found
     assert found.misfit < 1
+
+
+def test_frames_are_on_their_sine_wherever_they_are_handed_on():
+    """Apart from the exposures they have their path between frames; any others have a transfer."""
+    scene, frames, sequence = on_a_sine()
+    times = np.linspace(-0.02, 0.02, 81)
+    of_all, own, others = (
+        path_for_rows(scene, each).place(times) for each in (sequence, sequence.frames, frames)
+    )
+    np.testing.assert_array_equal(own, of_all)
+    assert np.max(np.abs(others - of_all)) > 0.1
 
 
 def test_the_frame_beside_a_restored_picture_stands_where_that_does():
@@ -276,30 +292,6 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
             told = np.tensordot(1 / canvas.noises, np.abs(middle) ** 2, 1)
             density = canvas.density(level.responses(VELOCITY[None]))[0]
             np.testing.assert_allclose(density, told, rtol=1e-6)
-
-
-@pytest.mark.parametrize("has_levels", [False, True])
-def test_lines_along_the_readout_are_the_likeliest(has_levels):
-    """Each pixel sees by its own instants, and what the picture leaves tells no more of it."""
-    rng = np.random.default_rng(0)
-    rolling = replace(SCENE, sensor=Sensor(axis="columns", readout=0.01))
-    noises, speed = noises_of(rolling, [EXPOSURE] * 4, 0.25), np.array([[700.0]])
-    times = RowTimes.of(rolling.sensor, (80, 60))
-    frames = 0.1 * rng.normal(size=(4, 3, 60))
-    own = Own(frames, noises, alternating(), Prior(rolling), times, has_levels)
-    level = own.level(speed)
-    found, canvas = level.likeliest(speed), level.canvas
-    for pixel in (0, 25, 59):
-        there = level.rows.paths.at(float(level.rows.paths.delays[pixel]))
-        exact = level._replace(rows=None, instants=there).responses(speed)[2, 0]
-        light = canvas.spectrum(rng.normal(size=(1, 1, *canvas.shape))) * np.sqrt(canvas.power)
-        error = canvas.seen(light * exact) - found.responses[2].seen(light)
-        assert np.abs(error[0, 0, pixel]) < 0.3 * np.sqrt(canvas.noises[2])
-    left = canvas.known(canvas.frames) - canvas.known(found.seen[:, 0])
-    told = canvas.gathered(found.responses, left)
-    np.testing.assert_allclose(
-        told, found.spectrum / canvas.power, atol=1e-8 * np.max(np.abs(told))
-    )
 
 
 @pytest.mark.parametrize("size", [1, 2])

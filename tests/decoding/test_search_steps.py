@@ -128,6 +128,9 @@ APART = {
     "large part": ({"compared": fit_of(3.1)}, "The frames do not fit"),
     "part": ({"compared": fit_of(1.5), "elsewhere": 2.2}, ""),
     "half": ({"compared": fit_of(1.5), "elsewhere": 2.0}, "The frames do not fit"),
+    "third of a large one": ({"compared": fit_of(1.9), "elsewhere": 4.0}, "The frames do not fit"),
+    "fifth of it": ({"compared": fit_of(1.9), "elsewhere": 6.0}, ""),
+    "nearly none": ({"compared": fit_of(1.2), "elsewhere": 1.3}, ""),
     "same": (
         repeated([[0.0, 4.0, 0.9], [0.0, 5.0, 1.0]]),
         "Frames 1 and 3 are the same, though the picture moves between them.",
@@ -325,6 +328,7 @@ def test_rows_are_binned_where_means_show_most_of_them():
 
 def test_durations_are_those_of_neighbouring_frames():
     """The longest way between two of three neighbours, and no less than an exposure."""
+    assert own_of(np.zeros((2, 4, 90)), TIMES[:2], [0.02, 0.11]).duration == pytest.approx(0.11)
     own = own_of(np.zeros((3, 4, 90)), TIMES, [0.02, 0.01, 0.01])
     assert own.duration == pytest.approx(0.09)
     assert own.duration_of(2) == pytest.approx(0.05)

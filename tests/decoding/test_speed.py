@@ -16,7 +16,6 @@ from scipy.ndimage import gaussian_filter, rotate
 import mishutter as ms
 from mishutter import cli
 from mishutter.decoding.decoders.base import blur_model
-from mishutter.decoding.decoders.speed import Posterior, SpeedEstimate, speeds_to_try
 from mishutter.decoding.decoders.speed_finding import at_speed
 from mishutter.decoding.restoration import restored_light
 
@@ -71,20 +70,6 @@ def test_a_speed_is_found(speed):
     assert np.sum(found.weights) == pytest.approx(1)
     assert found.speeds.shape == found.weights.shape
     assert np.all(np.diff(found.speeds) > 0)
-
-
-def test_a_mode_at_an_end_is_trusted_only_where_nothing_lies_beyond():
-    """Speeds from 0 end with things that stand still; those of any other range may go on."""
-    steps, middle = np.arange(7) * 310.0, (2, 3, 4)
-    for lowest, trusted in {0.0: (0, 1, *middle), 620.0: middle, -930.0: middle}.items():
-        found = []
-        for mode in range(7):
-            weights = np.full(7, 0.01)
-            weights[mode] = 0.94
-            posterior = Posterior(lowest + steps, weights, reach=310.0, width=2.5)
-            assert posterior.at_end == (not posterior.trusted(0.9))
-            found += [mode] if posterior.trusted(0.9) else []
-        assert tuple(found) == trusted, lowest
 
 
 @pytest.mark.slow
@@ -173,15 +158,6 @@ def test_a_speed_beyond_those_of_the_scene_is_not_trusted(speed):
 
 
 @pytest.mark.slow
-def test_a_wrong_stroke_is_a_wrong_speed():
-    """The stroke is taken for what it is said to be: 5 % more of it are nearly 10 % more speed."""
-    known, motion = scene(), camera()
-    longer = ms.ParabolicMotion(acceleration=1.05 * motion.acceleration, half_exposure=HALF)
-    seen = capture(grey(), known, motion, OPEN, 2210.0)
-    assert ms.estimate_speed(seen, known, longer, OPEN).speed == pytest.approx(2409, abs=60)
-
-
-@pytest.mark.slow
 def test_a_tilt_of_three_degrees_is_not_trusted():
     """Where the blur runs across rows, no speed along them explains it."""
     known, motion = scene(), camera()
@@ -198,17 +174,6 @@ def test_one_speed_needs_no_finding():
     known = ms.Scene([700.0], photon_rate=1e5, read_noise=8.0)
     found = ms.estimate_speed(np.full((5, 90), 0.2), known, camera(), OPEN)
     assert (found.speed, found.error, found.trusted) == (700.0, 0.0, True)
-
-
-def test_the_steps_follow_the_blur():
-    """Speeds that are tried smear by 2 px more each, of the scene's range and a tenth more."""
-    for half, expected in ((0.015, 1 / 0.015), (0.006, 4950 / 32)):
-        model = blur_model(scene(), camera(half=half), OPEN)
-        tried, reach = speeds_to_try(model)
-        assert tried[0] == 0
-        assert tried[-1] == pytest.approx(4950)
-        assert np.max(np.diff(tried)) <= expected * (1 + 1e-9)
-        assert reach == pytest.approx(1 / half)
 
 
 def test_the_decoder_restores_by_the_speed():
@@ -396,19 +361,3 @@ def test_the_command_says_what_it_found(tmp_path, capsys):
     assert "none  restored for all speeds of the scene" in written.out
     assert "warning: The picture has too little detail to show its speed." in written.err
     assert "warning: " in written.err
-
-
-@pytest.mark.parametrize(
-    ("pan", "speeds", "weights"),
-    [(1000.0, [200.0, 700.0, 1000.0], [0.3, 0.5, 0.2]), (150.0, [150.0, 450.0, 950.0], None)],
-)
-def test_speeds_beside_a_pan_keep_their_weights(pan, speeds, weights):
-    """Where the scene's go further against the pan, they are counted from it down."""
-    scene = ms.Scene(np.linspace(100.0, 1100.0, 5), photon_rate=1e5, read_noise=2.0)
-    motion = ms.ParabolicMotion(acceleration=2e4, half_exposure=0.01, velocity=pan)
-    told = np.array([0.2, 0.5, 0.3])
-    beside = SpeedEstimate(300.0, 5.0, True, np.array([0.0, 300.0, 800.0]), told, "")
-    found = beside.of(scene, motion)
-    assert found.speed == pytest.approx(speeds[1])
-    np.testing.assert_allclose(found.speeds, speeds)
-    np.testing.assert_allclose(found.weights, told if weights is None else weights)

@@ -10,18 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
 from mishutter.decoding.decoders.base import blur_model
 
 # Filters and operators of a decoder, checked against their formulas; it returns only a picture.
-from mishutter.decoding.decoders.borders import continuation
-from mishutter.decoding.decoders.linear import (
-    expected_squared_error,
-)
-from mishutter.decoding.decoders.total_variation import adjoint_differences, differences
 from mishutter.pictures.images import shipped_picture
 
 
@@ -41,97 +35,6 @@ def model_of():
 def captured_at(speed):
     options = {"speed": speed, "key": jax.random.key(6)}
     return ms.simulate_capture(portrait(), dim(), camera(), ms.HannShutter(), **options)
-
-
-def test_the_spread_is_what_the_mean_response_misses():
-    """The mean and the spread together pass as much light power as the speeds do in the mean."""
-    model, length = model_of(), 600
-    responses = model.responses(length)
-    mean, spread = model.mean_and_spread(length)
-    np.testing.assert_allclose(mean, model.weights @ responses, rtol=1e-13)
-    passed = model.weights @ np.abs(responses) ** 2
-    np.testing.assert_allclose(np.abs(mean) ** 2 + spread, passed, rtol=1e-9)
-    assert np.max(spread) > 1e-3
-
-
-@pytest.mark.slow
-def test_total_variation_finds_the_least_of_its_objective():
-    """On one plane, as a general minimiser of the written sum finds it, with edges rounded off.
-
-    The minimiser needs slopes, so that its total variation is that of a corner of 1e-5.
-    """
-    model = model_of()
-    captured = jnp.asarray(np.asarray(captured_at(700.0))[20:26, 100:112])
-    rows, columns = captured.shape
-    extension = continuation(model, columns)
-    length = extension.length
-    mean, spread = model.mean_and_spread(length)
-    power = model.picture_spectrum(length)
-    error = np.sqrt(expected_squared_error(model, length))
-    deviation, level = (np.asarray(x) for x in extension.deviations(captured))
-    centre = level.mean()
-    data = np.fft.rfft(deviation + level - centre)
-    twice = np.full(length // 2 + 1, 2.0) / length
-    twice[[0, -1]] = 1 / length
-    flat = np.where(np.arange(length // 2 + 1) > 0, 0.1 / power, 0)
-
-    def objective(values):
-        picture = values.reshape(rows, length)
-        waves = jnp.fft.rfft(picture)
-        noise = model.noise + power * spread
-        fit = jnp.sum(twice * (jnp.abs(data - mean * waves) ** 2 / noise + flat * abs2(waves)))
-        across = (jnp.roll(picture, -1, axis=1) - picture) ** 2
-        down = jnp.diff(picture, axis=0, prepend=picture[:1], append=picture[-1:]) ** 2
-        beside = jnp.pad(across, ((1, 1), (0, 0)))
-        square = (beside[:-1] + beside[1:] + down + jnp.roll(down, -1, axis=1)) / 2
-        return fit / 2 + 0.3 / error * jnp.sum(jnp.sqrt(square + 1e-10))
-
-    def abs2(waves):
-        return waves.real**2 + waves.imag**2
-
-    with jax.numpy_rank_promotion("allow"):
-        slope = jax.jit(jax.value_and_grad(objective))
-        best = minimize(
-            lambda x: tuple(np.asarray(v) for v in slope(x)),
-            np.zeros(rows * length),
-            jac=True,
-            method="L-BFGS-B",
-            options={"maxiter": 20000, "maxfun": 20000, "ftol": 1e-15, "gtol": 1e-7},
-        )
-    wanted = best.x.reshape(rows, length)[:, :columns] + centre / model.efficiency
-    found = np.asarray(ms.TotalVariationDecoder(2000).restore(captured, model))
-    assert np.std(wanted) > 0.01
-    np.testing.assert_allclose(found, wanted, atol=1e-3)
-    quick = np.asarray(ms.TotalVariationDecoder().restore(captured, model))
-    np.testing.assert_allclose(quick, wanted, atol=0.1 * error)
-
-
-@pytest.mark.parametrize("rows", [1, 2, 7])
-def test_the_differences_have_their_adjoint(rows):
-    """Inner products on either side agree, and twice applied they are the one of neighbours."""
-    rng = np.random.default_rng(11)
-    picture = jnp.asarray(rng.standard_normal((rows, 9)))
-    flow = jnp.asarray(rng.standard_normal((4, rows + 1, 9)))
-    found = jnp.sum(differences(picture) * flow)
-    np.testing.assert_allclose(found, jnp.sum(picture * adjoint_differences(flow)), rtol=1e-12)
-    beside = np.pad(picture, ((1, 1), (0, 0)), mode="edge")
-    beside = np.pad(beside, ((0, 0), (1, 1)), mode="wrap")
-    around = beside[:-2, 1:-1] + beside[2:, 1:-1] + beside[1:-1, :-2] + beside[1:-1, 2:]
-    twice = adjoint_differences(differences(picture))
-    np.testing.assert_allclose(twice, 4 * picture - around, atol=1e-14)
-
-
-@pytest.mark.slow
-def test_total_variation_takes_its_strength():
-    """The stronger, the fewer differences: within rows and between them."""
-    captured, model = captured_at(0.0), model_of()
-    pictures = [
-        np.asarray(ms.TotalVariationDecoder(strength=c).restore(captured, model))
-        for c in (0.3, 1.0, 5.0)
-    ]
-    for axis in (0, 1):
-        rough = [np.sum(np.abs(np.diff(picture, axis=axis))) for picture in pictures]
-        assert rough[0] > 1.05 * rough[1] > 1.1 * rough[2]
 
 
 @pytest.mark.slow

@@ -155,24 +155,14 @@ def _held(scene, metrics, ceilings):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_no_random_design_exceeds_the_ceiling(name):
-    """Splines and windows, moving, panning and at rest: 80 designs a scene."""
+    """Splines and windows, moving, panning and at rest: 30 designs a scene."""
     rng = np.random.default_rng(len(name))
     scene = SCENES[name]
     highest = float(ceiling(scene)) + 1e-9
-    for index in range(80):
+    for index in range(30):
         motion = _random_motion(rng)
         shutter = RectShutter() if index % 5 == 0 else _random_shutter(rng)
         assert _held(scene, evaluate(scene, motion, shutter), highest), motion
-
-
-@pytest.mark.slow
-def test_the_plan_of_an_evaluation_makes_no_difference():
-    """On the grids that `evaluate` chooses by itself the bound holds too."""
-    scene = SCENES["mostly one"]
-    highest = float(ceiling(scene)) + 1e-9
-    for velocity in (0.0, 130.0):
-        motion = LinearMotion(half_exposure=LONGEST, velocity=velocity)
-        assert _held(scene, evaluate(scene, motion, RectShutter()), highest)
 
 
 def _segments(rng, scene, num_segments):
@@ -234,13 +224,6 @@ def _check_paths(scene, seed, count):
 def test_no_random_path_exceeds_the_ceiling(name):
     """Neither paths that dwell at the speeds of the list, which no parabola does."""
     _check_paths(SCENES[name], 3 * len(name), 60)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
-def test_none_of_two_thousand_paths_exceeds_the_ceiling(name):
-    """A quarter of them on each scene: a bound that 0.6 % of the paths exceed is found out."""
-    _check_paths(SCENES[name], 7 * len(name), 500)
 
 
 @pytest.mark.slow
@@ -330,15 +313,13 @@ def _refined(scene, num_parts):
     "scene", [UNIFORM, UNIFORM.without_metadata(weights=BELL)], ids=["uniform", "bell"]
 )
 def test_the_continuous_ceiling_bounds_speeds_spread_finely(scene):
-    """Of 72 and 144 speeds: their own ceiling comes near from below, and designs stay under it."""
+    """Of 72 speeds: their own ceiling comes near from below, and designs stay under it."""
     highest = float(ceiling(scene, continuous=True))
-    fine = [float(ceiling(_refined(scene, parts))) for parts in (8, 16)]
-    assert np.all(np.array(fine) < highest + INTERPOLATION)
-    assert fine[1] > highest - 1.2
+    crowd = _refined(scene, 8)
+    assert highest - 1.2 < float(ceiling(crowd)) < highest + INTERPOLATION
     assert float(ceiling(scene, continuous=False)) > highest + 1
     rng = np.random.default_rng(11)
-    crowd = _refined(scene, 8)
-    for _ in range(15):
+    for _ in range(6):
         found = evaluate(crowd, _random_motion(rng), _random_shutter(rng))
         assert _held(crowd, found, highest)
     _check_paths(crowd, 5, 20)

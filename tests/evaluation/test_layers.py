@@ -64,7 +64,7 @@ LAYERS = {
 @pytest.mark.parametrize(
     ("motion", "shutter", "layers", "mean_level", "psnr"),
     [
-        pytest.param(SNAPSHOT, RectShutter(), STILL, 0.25, 27.1784, marks=pytest.mark.slow),
+        (SNAPSHOT, RectShutter(), STILL, 0.25, 27.1784),
         (SWEPT, HannShutter(), STILL, 0.25, 26.7466),
         (
             ParabolicMotion(acceleration=30 / 0.009**2, half_exposure=0.009),
@@ -81,6 +81,41 @@ def test_the_reference(motion, shutter, layers, mean_level, psnr):
     """Plain sums over time and over the frequencies of the matte give the same expected PSNR."""
     metrics = evaluate(scene_of(layers, picture=Texture(mean_level=mean_level)), motion, shutter)
     np.testing.assert_allclose(metrics.expected_psnr, psnr, rtol=0, atol=REFERENCE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("motion", "shutter", "rate", "layers", "psnr"),
+    [
+        (
+            StillCamera(half_exposure=1.3e-3),
+            RectShutter(),
+            3e5,
+            Occlusion(front_share=0.6, object_width=70.0, background="moving"),
+            25.57935,
+        ),
+        (
+            ParabolicMotion(acceleration=41 / 0.008**2, half_exposure=0.008),
+            HannShutter(),
+            1e5,
+            Occlusion(front_share=0.35, object_width=110.0),
+            26.68716,
+        ),
+        (
+            ParabolicMotion(acceleration=27 / 0.009**2, half_exposure=0.009),
+            RectShutter(),
+            2e5,
+            Occlusion(front_share=0.55, object_width=35.0, background="moving"),
+            22.54090,
+        ),
+    ],
+    ids=["snapshot", "Hann", "open"],
+)
+def test_the_reference_of_random_rows(motion, shutter, rate, layers, psnr):
+    """What the filter of plain sums leaves of them, which `benchmarks/occlusion.py` draws."""
+    scene = Scene([-2900.0, 700.0, 3700.0], photon_rate=rate, read_noise=7.0, occlusion=layers)
+    # `evaluate` takes its integrals over the matte by finitely many speeds.
+    np.testing.assert_allclose(evaluate(scene, motion, shutter).expected_psnr, psnr, atol=4e-4)
 
 
 @pytest.mark.slow

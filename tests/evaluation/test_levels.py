@@ -2,9 +2,7 @@
 
 import jax
 import jax.flatten_util
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 import pytest
 from support import plane
 
@@ -103,29 +101,6 @@ def test_the_slope_is_by_frames_themselves_and_by_light():
     ends = [float(by_light(4e4 * (1 + x), 7.0)) for x in (1e-5, -1e-5)]
     assert float(by_rate) == pytest.approx((ends[0] - ends[1]) / (2e-5 * 4e4), rel=1e-5)
     assert float(by_noise) < 0 < float(by_rate)
-
-
-def test_a_solver_of_a_library_finds_the_best_frames():
-    """Optimistix lengthens a still and turns a parabola from a start until little slope is left."""
-    most = jnp.array([0.02, 0.04, 40.0])
-
-    def frames(point):
-        still, moving, stroke = most * jax.nn.sigmoid(point)
-        motions = (
-            StillCamera(half_exposure=still / 2),
-            ParabolicMotion.from_stroke(stroke, half_exposure=moving / 2),
-        )
-        return tuple(TimedFrame(x, t) for x, t in zip(motions, (-0.02, 0.02), strict=True))
-
-    def loss(point, _):
-        return -exposures_psnr(SCENE, frames(point), num_panels=28)
-
-    begin = jnp.array([0.0007, 0.01, 6.0])
-    start = jnp.log(begin / (most - begin))
-    end = optx.minimise(loss, optx.BFGS(rtol=1e-5, atol=1e-5), start, max_steps=60, throw=False)
-    assert float(loss(end.value, None)) < float(loss(start, None)) - 0.5
-    beside = [end.value.at[k].add(sign * 0.02) for k in range(3) for sign in (1, -1)]
-    assert all(float(loss(end.value, None)) < float(loss(each, None)) + 1e-3 for each in beside)
 
 
 def test_one_exposure_has_the_level_of_a_decoder_that_knows_the_speed():

@@ -599,24 +599,8 @@ def test_memory_of_many_designs():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shutter", [RectShutter(), TukeyShutter(0.4)], ids=["rect", "tukey"])
-def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
-    """In either mode, to what central differences of the gradient hold."""
-
-    def loss(point):
-        motion = ParabolicMotion(acceleration=point[0] * 1e5, half_exposure=point[1] * 1e-3)
-        return ExpectedErrorLoss()(SCENE, motion, shutter)
-
-    point, step, slope = jnp.array([2.3, 5.1]), 1e-5, jax.grad(loss)
-    moved = jnp.eye(2) * step
-    differences = jnp.stack([(slope(point + x) - slope(point - x)) / (2 * step) for x in moved])
-    for second in (jax.hessian(loss), jax.jacrev(slope)):
-        np.testing.assert_allclose(second(point), differences, rtol=1e-6, atol=1e-8)
-
-
-@pytest.mark.slow
 def test_the_hessian_of_a_loss_of_kernels_and_spectra_by_the_motion():
-    """Symmetric in either mode, and what differences of the gradient give, in natural units."""
+    """Symmetric, and what differences of the gradient give, in natural units."""
     loss = DesignLoss() + 0.3 * ExpectedErrorLoss()
 
     def of_motion(x):
@@ -632,7 +616,6 @@ def test_the_hessian_of_a_loss_of_kernels_and_spectra_by_the_motion():
     )
     differences = (4 * narrow - wide) / 3
     largest = np.max(np.abs(differences))
-    for second in (jax.hessian(of_motion), jax.jacrev(slope)):
-        found = np.asarray(jax.jit(second)(point))
-        np.testing.assert_allclose(found, differences, atol=1e-6 * largest)
-        np.testing.assert_allclose(found, found.T, atol=1e-10 * largest)
+    found = np.asarray(jax.jit(jax.hessian(of_motion))(point))
+    np.testing.assert_allclose(found, differences, atol=1e-6 * largest)
+    np.testing.assert_allclose(found, found.T, atol=1e-10 * largest)

@@ -13,7 +13,6 @@ from mishutter import (
     ExpectedErrorLoss,
     HannShutter,
     Limits,
-    Occlusion,
     Optics,
     ParabolicMotion,
     RectShutter,
@@ -24,7 +23,6 @@ from mishutter import (
     TukeyShutter,
     binned_exposure,
     blur_kernel,
-    condition_number,
     evaluate,
     transfer_function,
 )
@@ -46,64 +44,6 @@ SCENE = Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0)
 SHUTTER = TukeyShutter(0.37)
 FEW = Limits(max_stroke=40.0)
 """Limits within which light spreads so little that 256 frequencies are enough."""
-
-
-def _expected_psnr(motion, shutter, shift, num_frequencies=2048):
-    """The closed form of the ensemble-Wiener error, written out with numpy."""
-    frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
-    response = [
-        np.asarray(transfer_function(shutter, motion, speed=s, frequency=jnp.asarray(frequency)))
-        * np.exp(2j * np.pi * frequency * shift(s))
-        * np.sinc(frequency)
-        for s in SPEEDS
-    ]
-    mean = sum(p * h for p, h in zip(WEIGHTS, response, strict=True))
-    square = sum(p * abs(h) ** 2 for p, h in zip(WEIGHTS, response, strict=True))
-    power = 1 / (frequency**2 + 0.01**2)
-    power *= 0.2**2 / (2 * np.mean(power) * 0.5)
-    electrons = 7e4 * 2 * float(motion.half_exposure)
-    noise = float(shutter.efficiency()) * 0.25 / electrons + (6.0 / electrons) ** 2
-    gain = power * mean.conj() / (power * square + noise)
-    error = abs(gain) ** 2 * noise + power * sum(
-        p * abs(1 - gain * h) ** 2 for p, h in zip(WEIGHTS, response, strict=True)
-    )
-    return -10 * np.log10(2 * 0.5 * np.mean(error))
-
-
-@pytest.mark.slow
-def test_expected_psnr_is_that_of_the_ensemble_filter():
-    """The reported figure is the error of the filter itself, aligned at the vertex."""
-    acceleration = float(MOTION.acceleration)
-    reference = _expected_psnr(MOTION, SHUTTER, lambda s: -(s**2) / (4 * acceleration))
-    assert abs(float(evaluate(SCENE, MOTION, SHUTTER).expected_psnr) - reference) < 2e-3
-
-
-@pytest.mark.slow
-def test_known_speed_psnr_is_that_of_a_filter_for_each_speed():
-    """The reported figure is the mean error of Wiener filters, each told its speed."""
-    count = sizes(SCENE, MOTION).num_frequencies
-    frequency = (np.arange(count) + 0.5) / (2 * count)
-    power = 1 / (frequency**2 + 0.01**2)
-    power *= 0.2**2 / np.mean(power)
-    electrons = 7e4 * 2 * HALF_EXPOSURE
-    noise = float(SHUTTER.efficiency()) * 0.25 / electrons + (6.0 / electrons) ** 2
-    error = 0.0
-    for speed, weight in zip(SPEEDS, WEIGHTS, strict=True):
-        response = transfer_function(SHUTTER, MOTION, speed=speed, frequency=frequency)
-        seen = np.asarray(response) * np.sinc(frequency)
-        gain = power * seen.conj() / (power * abs(seen) ** 2 + noise)
-        error += weight * np.mean(abs(gain) ** 2 * noise + power * abs(1 - gain * seen) ** 2)
-    found = evaluate(SCENE, MOTION, SHUTTER)
-    assert np.isclose(found.known_speed_psnr, -10 * np.log10(error), rtol=1e-9)
-    assert found.known_speed_psnr > found.expected_psnr
-
-
-@pytest.mark.slow
-def test_a_camera_at_rest_is_aligned_at_mid_exposure():
-    """A snapshot's figure comes from the same code, without a vertex."""
-    still = StillCamera(half_exposure=0.0021)
-    reference = _expected_psnr(still, RectShutter(), lambda s: 0.0)
-    assert abs(float(evaluate(SCENE, still, RectShutter()).expected_psnr) - reference) < 2e-3
 
 
 def test_no_acceleration_is_a_camera_at_rest():
@@ -284,22 +224,6 @@ def test_kernel_difference_of_a_still_camera_is_over_the_pixels_lit(reach):
     assert np.isclose(metrics.kernel_difference, np.sqrt(square / lit), rtol=1e-12)
 
 
-@pytest.mark.parametrize(("shutter", "published"), [(RectShutter(), 9.27), (HannShutter(), 4.44)])
-def test_published_condition_numbers(shutter, published):
-    """The paper's table comes out of public functions at stroke 45, phase 0, speed 0."""
-    motion = ParabolicMotion(acceleration=45 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
-    kernel = blur_kernel(shutter, motion, num_taps=45)
-    assert abs(float(condition_number(kernel)) - published) < 0.01
-
-
-@pytest.mark.slow
-def test_no_design_exceeds_the_wedge_bound_everywhere():
-    """The worst case over speeds in [-S, S] stays below the bound."""
-    scene = Scene.uniform(max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=5.0)
-    for shutter in (RectShutter(), HannShutter(), SHUTTER):
-        assert 0 < float(evaluate(scene, MOTION, shutter).bound_share) < 1
-
-
 def test_the_share_of_the_bound_is_that_of_its_definition():
     """Least of |K|^2 over min((2T)^2, T/(Sf)) of what occurs; what never does bounds nothing."""
     scene = Scene([-900.0, 400.0, 5e4], [0.3, 0.7, 0.0], photon_rate=7e4, read_noise=6.0)
@@ -313,18 +237,6 @@ def test_the_share_of_the_bound_is_that_of_its_definition():
     ]
     found = evaluate(scene, MOTION, SHUTTER).bound_share
     assert np.isclose(found, np.min(shares), rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_the_vertex_alignment_changes_no_power():
-    """The response on the grid has the modulus of the public transfer function."""
-    plan = Plan(64, 256, 64, 512)
-    response = compute_response(sampled_view(SCENE, MOTION, SHUTTER, ONLY_SPECTRA, plan))
-    frequency = frequency_grid(64, np.dtype(np.float64))
-    public = jax.vmap(lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency))(
-        SCENE.speeds
-    )
-    assert np.max(np.abs(np.abs(response.spectra) - np.abs(public))) < 1e-12
 
 
 @pytest.mark.slow
@@ -495,31 +407,6 @@ def test_no_light_and_no_noise_leave_the_variance_at_every_speed():
             np.testing.assert_allclose(psnr, -20 * np.log10(0.17), rtol=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("speeds", "weights", "occlusion"),
-    [
-        (SPEEDS, WEIGHTS, None),
-        (SPEEDS, [0.6, 0.0, 0.4, 0.0], None),
-        (SPEEDS, [0.6, 0.0, 0.4, 0.0], Occlusion(front_share=0.4, object_width=70.0)),
-        ([640.0], None, None),
-        ([640.0] * 2, [0.2, 0.8], None),
-    ],
-)
-def test_the_worst_speed_is_no_better_than_the_mean(speeds, weights, occlusion):
-    """In any light and noise, of any shutter; one speed is its own worst."""
-    for rate, noise in [(0.0, 0.0), (0.0, 6.0), (7e4, 0.0), (7e4, 6.0), (1e-30, 0.0), (1e12, 0.0)]:
-        scene = Scene(speeds, weights, photon_rate=rate, read_noise=noise, occlusion=occlusion)
-        for shutter in (SHUTTER, ChippedShutter(np.zeros(4))):
-            found = evaluate(scene, MOTION, shutter)
-            for decoder in (UNKNOWN_SPEED, KNOWN_SPEED):
-                mean, worst = float(decoder.psnr(found)), float(decoder.worst_psnr(found))
-                assert worst <= mean + 1e-9
-                if len(set(speeds)) == 1 and rate < 1e12:
-                    assert worst == pytest.approx(mean, abs=1e-9)
-            assert float(found.worst_speed_psnr) <= float(found.worst_known_speed_psnr) + 1e-9
-
-
 def test_a_speed_that_never_occurs_changes_no_metric():
     """Although it is far the worst."""
     light = {"photon_rate": 7e4, "read_noise": 6.0}
@@ -543,21 +430,27 @@ def test_the_error_at_each_speed_is_of_the_camera_as_designed():
 
 
 @pytest.mark.slow
-def test_the_error_at_a_speed_is_that_of_the_filter_written_out():
-    """At each speed the filter of all of them misses what its formula says, noise included."""
-    levels = spectral_levels(SCENE, MOTION, SHUTTER)
-    num = sizes(SCENE, MOTION).num_frequencies
+@pytest.mark.parametrize("slug", ["moving", "at-rest"])
+def test_the_error_at_a_speed_is_that_of_the_filter_written_out(slug):
+    """At each speed the filter of all of them misses what its formula says, noise included.
+
+    Objects are aligned where the sensor is as fast as they are, and at mid-exposure if it rests.
+    """
+    motion, shutter = SEEN[slug]
+    levels = spectral_levels(SCENE, motion, shutter)
+    num = sizes(SCENE, motion).num_frequencies
     frequency = np.asarray(frequency_grid(num, np.dtype(float)))
-    vertex = SPEEDS**2 / (4 * float(MOTION.acceleration))
+    acceleration = float(motion.acceleration)
+    vertex = SPEEDS**2 / (4 * acceleration) if acceleration else 0 * SPEEDS
     response = [
-        np.asarray(transfer_function(SHUTTER, MOTION, speed=s, frequency=jnp.asarray(frequency)))
+        np.asarray(transfer_function(shutter, motion, speed=s, frequency=jnp.asarray(frequency)))
         * np.exp(2j * np.pi * frequency * -v)
         * np.sinc(frequency)
         for s, v in zip(SPEEDS, vertex, strict=True)
     ]
     power = np.asarray(picture_power(SCENE, num, np.dtype(float)))
-    electrons = 7e4 * 2 * HALF_EXPOSURE
-    light = float(SHUTTER.efficiency())
+    electrons = 7e4 * 2 * float(motion.half_exposure)
+    light = float(shutter.efficiency())
     noise = light * float(SCENE.picture.mean_level) / electrons + (6.0 / electrons) ** 2
     mean = sum(p * h for p, h in zip(WEIGHTS, response, strict=True))
     square = sum(p * abs(h) ** 2 for p, h in zip(WEIGHTS, response, strict=True))

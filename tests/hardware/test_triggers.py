@@ -8,7 +8,6 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from support.burst_levels import burst_psnr, still_frames
 from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
 from support.plane import a_plane_design
@@ -174,11 +173,10 @@ def test_the_level_counts_a_gate_that_closes():
     """By the formula of all frames, at the exposures that the gate leaves."""
     design = _touching()
     table = frame_table(design, num_steps=57)
-    groups = [still_frames(1, (end - begin) / 2) for begin, end in table.gated_lights]
-    assert table.gated_psnr == pytest.approx(float(burst_psnr(design.scene, groups)), abs=1e-3)
-    groups = [still_frames(1, half) for half in (0.0031, 0.0031, 0.0052)]
+    cameras = [StillCamera(half_exposure=(end - begin) / 2) for begin, end in table.gated_lights]
+    level = exposures_psnr(design.scene, [TimedFrame(each, 0.0) for each in cameras])
+    assert table.gated_psnr == pytest.approx(float(level), abs=1e-3)
     whole = exposures_psnr(design.scene, design.sequence.frames)
-    assert whole == pytest.approx(float(burst_psnr(design.scene, groups)), abs=1e-3)
     assert abs(whole - table.gated_psnr) > 0.02
     assert table.to_dict()["gated_psnr_db"] == table.gated_psnr
 

@@ -159,7 +159,7 @@ def test_few_bits_in_sixteen(tmp_path, suffix, bits):
     else:
         head = b"P5 %d %d 65535\n" % values.shape[::-1]
         path.write_bytes(head + values.astype(">u2").tobytes())
-    said = f"greatest value is {values.max()} of 65535, as of {bits} bits in 16; .* `white` {white}"
+    said = f"greatest value is {values.max()} of 65535; .* {bits} bits in 16, .* `white` {white}"
     with pytest.warns(PictureWarning, match=said):
         read = ms.read_picture(path)
     np.testing.assert_allclose(read.light[..., 0] ** (1 / GAMMA), values / 65535, atol=1e-6)

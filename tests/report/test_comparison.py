@@ -201,7 +201,7 @@ def test_a_scene_of_one_speed_is_panned():
     table = compare(scene, MOTION, {"mine": HannShutter()})
     snapshot = table.row(BEST_PANNED_SNAPSHOT)
     assert float(snapshot.motion.velocity) == pytest.approx(1500.0, abs=1.0)
-    assert table.verdict.startswith("Take a snapshot on a pan of 1500 px/s: ")
+    assert table.verdict.startswith("Take a snapshot on a pan of 1,500 px/s: ")
     assert table.gain < 0.1
 
 

@@ -193,7 +193,7 @@ HEADLINES = {
     ),
     "pan": (
         {"levels": {BEST_SNAPSHOT: 24.04, BEST_PANNED_SNAPSHOT: 27.56, "a": 24.1}},
-        "Take a snapshot on a pan of -1500 px/s: 27.6 dB, 3.5 dB better than a snapshot at rest.",
+        "Take a snapshot on a pan of -1,500 px/s: 27.6 dB, 3.5 dB better than a snapshot at rest.",
     ),
     "parabola": (
         {"levels": {BEST_SNAPSHOT: 24.04, "rect": 27.56}},
@@ -241,6 +241,11 @@ HEADLINES = {
         {"levels": OF_FRAMES, "kind": FAN},
         "Take 4 frames while the stage takes a constant speed in each, over 45 px: 26.5 dB, "
         "4.5 dB better than a snapshot.",
+    ),
+    "a camera that turns too": (
+        {"levels": OF_FRAMES, "losses": {"pan": 150.0}},
+        "Take 4 frames while the camera turns and the stage swings 45 px: 26.5 dB, 4.5 dB better "
+        "than a snapshot.",
     ),
     "the second of two": (
         {"levels": OF_FRAMES, "moving": 2, "rests": 1},
@@ -423,6 +428,14 @@ def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     assert ", run-up from rest included." in said
 
 
+@pytest.mark.parametrize(("pan", "words"), [(1500.0, "1,500"), ((-900.0, 80.5), "-900, 80.5")])
+def test_an_answer_says_how_fast_the_camera_turns(pan, words):
+    """Beside the stage, along one axis or two."""
+    said = answer(OF_FRAMES, losses={"pan": pan}).verdict.replace("\n", " ")
+    assert f" The camera turns at {words} px/s. The stage adds " in said
+    assert "camera turns" not in answer(OF_FRAMES).verdict
+
+
 def test_an_answer_says_that_nothing_limits_the_acceleration_of_a_stage():
     """And nothing of a stage where it rests."""
     said = answer(OF_FRAMES).verdict.replace("\n", " ")
@@ -530,8 +543,9 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     levels = {BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}
     said = answer(levels, scene=BURST.with_occlusion(layers)).verdict.replace("\n", " ")
     assert "Moving frames are left out: objects are found in frames at rest alone" in said
-    assert ("they are its mean over photographs" in said) == (background == "still")
-    assert f"objects over 37% of the picture, 83 px wide, before a {words} with detail" in said
+    assert ("in the mean over photographs" in said) == (background == "still")
+    what = "objects 83 px wide that cover 37% of the picture"
+    assert f"{what}, before a {words} with detail" in said
     assert "(before one that is dark and empty say [objects]); speeds are told; " in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
@@ -670,18 +684,23 @@ def test_the_owner_of_nothing_buys_the_stage_that_pans():
         assert gains == over[turns]
 
 
-@pytest.mark.parametrize(("rate", "holds_one"), [(11.7, True), (130.0, False)])
-def test_a_note_says_that_a_camera_is_too_slow_for_a_burst(rate, holds_one):
-    """Where no second frame has its time in the window; otherwise its bursts are rows."""
-    scene = eqx.tree_at(
-        lambda x: x.burst, SCENE, BurstMode(frames_per_s=rate), is_leaf=lambda x: x is None
-    )
+@pytest.mark.parametrize(
+    ("burst", "why"),
+    [
+        (
+            BurstMode(frames_per_s=11.7),
+            "at 11.7 frames/s only one frame fits into the window of 60 ms; say a longer [burst] "
+            "window_ms",
+        ),
+        (BurstMode(frames_per_s=130.0, max_frames=1), "[burst] max_frames is 1"),
+        (BurstMode(frames_per_s=130.0), None),
+    ],
+)
+def test_a_note_says_why_no_burst_is_compared(burst, why):
+    """A camera that is too slow for a second frame, or may take no second one."""
+    scene = eqx.tree_at(lambda x: x.burst, SCENE, burst, is_leaf=lambda x: x is None)
     notes = with_verdict(made_up({"a": 24.0, BEST_SNAPSHOT: 23.0}), {}, scene).notes
-    words = (
-        "No burst is compared: at 11.7 frames/s only one frame fits into the window of 60 ms; say "
-        "a longer [burst] window_ms."
-    )
-    assert notes == ((words,) if holds_one else ())
+    assert notes == (() if why is None else (f"No burst is compared: {why}.",))
 
 
 def test_the_best_of_a_purchase_is_the_simplest_of_one_level():

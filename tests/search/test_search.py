@@ -403,7 +403,6 @@ def _known_speed(scene, motion, shutter):
 FOUR_SPEEDS = Scene([-310.0, -120.0, 120.0, 310.0], photon_rate=1e5, read_noise=5.0)
 SHORT_STROKE = eqx.tree_at(lambda s: s.limits.max_stroke, FOUR_SPEEDS, np.asarray(7.3))
 OWN_LOSSES = {
-    "loss": (_open_for_long, [FOUR_SPEEDS]),
     "compiled": (jax.jit(_open_for_long), [SHORT_STROKE, FOUR_SPEEDS]),
     "metrics": (_known_speed, [None]),
 }

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-
 from support.time_sampling import instants, position
 
 MEAN, DEVIATION, CORNER = 0.25, 0.2, 0.01

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from benchmarks.burst_levels import FrameGroup
 from mishutter import FreeMotion, ParabolicMotion, StillCamera
-from support.burst_levels import FrameGroup
 
 _PIECES_OF_SINE = 32
 """Pieces of constant acceleration that stand for a sine within a frame."""
