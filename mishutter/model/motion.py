@@ -304,7 +304,7 @@ class AbstractMotion(AbstractModule):
         In px, of the shape of stacked motions of one piece; concrete.
         """
         axes = (-1,) + (1,) * self.half_exposure.ndim
-        return np.max(np.asarray(self._travel(speeds.reshape(axes))), axis=0)
+        return np.asarray(np.max(np.asarray(self._travel(speeds.reshape(axes))), axis=0))
 
     def pieces_of(self, speed: RowLike) -> PathPieces:
         """The pieces of the paths of points over the sensor, on an axis after those of `speed`."""

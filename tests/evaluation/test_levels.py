@@ -61,7 +61,7 @@ def test_a_path_of_which_some_numbers_are_traced_has_the_level_of_known_ones():
         frames = PlaneFrames(times, exposures, durations, velocities)
         return exposures_psnr(SCENE, frames, num_panels=12)
 
-    traced = jax.jit(level)(jnp.asarray(velocities))
+    traced = jax.jit(level)(velocities)
     assert float(traced) == pytest.approx(float(level(velocities)), abs=1e-9)
 
 
