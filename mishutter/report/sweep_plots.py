@@ -22,6 +22,7 @@ from mishutter.report.plots import (
     MAP_COLOURS,
     draw_grid,
     leave_room,
+    legend_above,
     line_styles,
     new_figure,
     save_figure,
@@ -343,7 +344,7 @@ def plot_front(
         zorder=1.5,
         solid_capstyle="butt",
     )
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    legend_above(axes)
     num_lines = -(-len(axes.get_legend_handles_labels()[1]) // 3)
     leave_room(figure, left=0.9, top=0.2 + LINE * num_lines, rows=1.0, num_rows=2)
     shown = _spread(_on_axes(axes, places), num_profiles)
