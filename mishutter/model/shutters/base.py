@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import comb
-from typing import ClassVar, TypeVar, final
+from typing import Any, ClassVar, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -17,7 +17,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core.checks import (
-    Alike,
     Unquoted,
     all_concrete,
     as_float,
@@ -455,7 +454,7 @@ def above_zero(length: Length) -> Length:
     return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
-def polynomial(coefficients: Sequence[ArrayLike] | Numbers, x: Alike) -> Alike:
+def polynomial(coefficients: Sequence[ArrayLike] | Numbers, x: Any) -> Any:
     """A polynomial by its coefficients, the highest first."""
     total = namespace_of(x).asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:

@@ -55,7 +55,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         space = namespace_of(tau, ends, powers)
         piece = space.clip(space.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
         share = (tau - ends[piece]) / space.diff(ends)[piece] - 0.5
-        value = polynomial([power[piece] for power in powers.T], share)  # type: ignore[arg-type]
+        value = polynomial([power[piece] for power in powers.T], share)
         return space.clip(value, 0, 1)
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
