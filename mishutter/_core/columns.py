@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from mishutter._core.checks import Unquoted, describe, require
+from mishutter._core.checks import Unquoted, require
 
 Units = Mapping[str, float]
 """Allowed units of a column, each with its factor to SI units or pixels."""
@@ -51,33 +51,20 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.split(",")]
 
 
-def number_rows(lines: Iterable[str], count: int, name: str) -> np.ndarray:
+def number_rows(lines: Sequence[str], count: int, name: str) -> np.ndarray:
     """Rows of finite numbers, `count` in each; shape `(rows, count)`."""
-    rows = [cells(line) for line in lines]
-    require(bool(rows), name, "hold at least one row of numbers", Unquoted("none"))
-    ragged = next((row for row in rows if len(row) != count), None)
-    if ragged is not None:
-        got = Unquoted(f"{len(ragged)} in '{describe(Unquoted(','.join(ragged)))}'")
-        require(False, name, f"hold {count} {'value' if count == 1 else 'values'} a row", got)
+    require(bool(lines), name, "hold at least one row of numbers", Unquoted("none"))
+    requirement = f"hold {count} {'number' if count == 1 else 'numbers'} a row"
     try:
-        numbers = np.array(rows, dtype=np.float64).reshape(-1, count)
-    except ValueError:
-        wrong = next(cell for row in rows for cell in row if not _is_number(cell))
-        require(False, name, "hold numbers alone below its heading", wrong)
-        raise
+        numbers = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+    except ValueError as error:  # it tells the row
+        reason = str(error).partition(";")[0].removesuffix(".")
+        raise ValueError(f"{name} must {requirement}; got: {reason}.") from None
+    require(numbers.shape[1] == count, name, requirement, Unquoted(f"{numbers.shape[1]}"))
     is_finite = np.isfinite(numbers).all(axis=1)
-    if not is_finite.all():
-        row = rows[int(np.argmin(is_finite))]
-        require(False, name, "hold finite numbers", Unquoted(",".join(row)))
+    got = Unquoted(lines[int(np.argmin(is_finite))])
+    require(bool(is_finite.all()), name, "hold finite numbers", got)
     return numbers
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def unit_columns(

@@ -213,7 +213,7 @@ def optimise(
         folder = None if out is None else writable_folder(out)
         result = optimised_in_plane(scene)
         delivery = Delivery(folder, json, 0, every_photograph=False, verbose=verbose)
-        _deliver(result, delivery, _next_step(result, scene_file, folder))
+        _deliver(result, delivery, scene_file, folder)
         return
     chosen = loss_of(loss, scene)
     judge = judge_of(decoder, pictures)
@@ -254,12 +254,7 @@ def optimise(
             snapshot = result.comparison.options_baseline.design
             design = snapshot and replace(snapshot, sequence=result.comparison.sequence)
         result = replace(result, design=design)
-        _deliver(result, delivery, _next_step(result, scene_file, folder))
-
-
-def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -> str:
-    """The command that goes on from an answer: to a folder of files, or from its design."""
-    return next_step(scene_file, folder, result.file_to_build)
+        _deliver(result, delivery, scene_file, folder)
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:
@@ -330,7 +325,7 @@ def compare(
             judge=judge,
         )
         result = _beside_design(result, camera, files.middle_ms * 1e-3)
-        _deliver(result, delivery, _next_step(result, scene_file, None))
+        _deliver(result, delivery, scene_file)
 
 
 for _command, _group in (
@@ -424,7 +419,12 @@ class Delivery(NamedTuple):
         return replace(result, photographs=shown)
 
 
-def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
+def _deliver(
+    result: "Report",
+    delivery: Delivery,
+    scene_file: Path | None,
+    designs: Path | None = None,  # Folder of a design from which work goes on, if it has one
+) -> None:
     """Prints the answer at once, then adds photographs, then writes files."""
     from mishutter.cli.tables import print_comparison, print_photographs
     from mishutter.report.documents import write_report
@@ -436,7 +436,8 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
 
     if not delivery.as_json:
         with closable_output():  # a reader who has read enough still gets the files
-            print_comparison(result, verbose=delivery.verbose, next_step=next_step)
+            step = next_step(scene_file, designs, result.file_to_build)
+            print_comparison(result, verbose=delivery.verbose, next_step=step)
     shows = delivery.shows_every
     result = replace(result, every=shows)
     if shows or delivery.as_json or folder is not None:

@@ -2,6 +2,7 @@
 
 from enum import Enum
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -208,20 +209,15 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
     return tuple(name.value for name in free) if free else None
 
 
+def _made(name: Enum, noun: str) -> Any:
+    """What an option names, as it is by default: `KnownSpeedLoss` is the loss "known-speed"."""
+    words = (word.capitalize() for word in name.value.split("-"))
+    return getattr(import_module("mishutter"), f"{''.join(words)}{noun}")()
+
+
 def named_decoder(name: DecoderName) -> "AbstractDecoder":
     """The decoder of a name, with the parameters that it has by default."""
-    from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
-    from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
-    from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
-    from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
-
-    return {
-        DecoderName.ENSEMBLE: EnsembleDecoder,
-        DecoderName.WIENER: WienerDecoder,
-        DecoderName.RICHARDSON_LUCY: RichardsonLucyDecoder,
-        DecoderName.TOTAL_VARIATION: TotalVariationDecoder,
-        DecoderName.SPEED_FINDING: SpeedFindingDecoder,
-    }[name]()
+    return _made(name, "Decoder")
 
 
 def judge_of(
@@ -248,22 +244,6 @@ def judge_of(
 
 def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
     """The loss of a name; by default the expected error of the scene's decoder."""
-    from mishutter.evaluation.losses import DesignLoss
-    from mishutter.evaluation.speed_knowledge import (
-        ExpectedErrorLoss,
-        FoundSpeedLoss,
-        KnownSpeedLoss,
-        WorstSpeedLoss,
-        loss_of_decoder,
-    )
+    from mishutter.evaluation.speed_knowledge import loss_of_decoder
 
-    if name is None:
-        return loss_of_decoder(scene)
-    losses = {
-        LossName.EXPECTED_ERROR: ExpectedErrorLoss,
-        LossName.KNOWN_SPEED: KnownSpeedLoss,
-        LossName.FOUND_SPEED: FoundSpeedLoss,
-        LossName.WORST_SPEED: WorstSpeedLoss,
-        LossName.DESIGN: DesignLoss,
-    }
-    return losses[name]()
+    return loss_of_decoder(scene) if name is None else _made(name, "Loss")

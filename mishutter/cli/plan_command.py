@@ -1,6 +1,6 @@
 """The command that lists the parts of a computation: `plan`."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mishutter._core.progress import working
 from mishutter.cli.console import print_table, print_text, start_jax, write_json
@@ -44,22 +44,18 @@ def plan(
     if scene.velocities is not None:
         from mishutter.search.plane_frames import grid_words
 
-        if json:
-            write_json({"scene": understood(scene), "search": grid_words()})
-        else:
-            rows = understood_rows(scene)
-            print_table("The scene as understood", ("key", "value"), rows)
-            print_text(f"\n{grid_words()}")
-        return
-    chosen = loss_of(loss, scene)
-    with working("planning"):
-        parts = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
+        search: dict[str, Any] = {"search": grid_words()}
+        text = grid_words()
+    else:
+        chosen = loss_of(loss, scene)
+        with working("planning"):
+            parts = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
+        search, text = {"skipped": parts.skips} | vars(parts.sizes), plan_text(parts)
     if json:
-        write_json({"scene": understood(scene), "skipped": parts.skips} | vars(parts.sizes))
+        write_json({"scene": understood(scene)} | search)
     else:
         print_table("The scene as understood", ("key", "value"), understood_rows(scene))
-        print_text()
-        print_text(plan_text(parts))
+        print_text(f"\n{text}")
 
 
 def understood(scene: "Scene") -> dict[str, object]:
@@ -77,13 +73,13 @@ def understood(scene: "Scene") -> dict[str, object]:
 def understood_rows(scene: "Scene") -> list[list[str]]:
     """The rows of a table of the `understood` scene, in which two ends stand for all speeds."""
     rows = understood(scene)
-    if scene.velocities is not None:
-        return [[key, f"{x:,.5g}" if isinstance(x, float) else f"{x}"] for key, x in rows.items()]
-    del rows["speeds_px_per_s"]
-    speeds = scene.speeds.tolist()
-    between = " to ".join(f"{speed:,.5g}" for speed in dict.fromkeys((min(speeds), max(speeds))))
-    shown = {key: f"{x:,.5g}" if isinstance(x, float) else f"{x}" for key, x in rows.items()}
-    return [[f"{len(speeds)} speeds_px_per_s", between], *([key, x] for key, x in shown.items())]
+    if scene.velocities is None:
+        speeds = scene.speeds.tolist()
+        ends = dict.fromkeys((min(speeds), max(speeds)))
+        between = " to ".join(f"{speed:,.5g}" for speed in ends)
+        del rows["speeds_px_per_s"]
+        rows = {f"{len(speeds)} speeds_px_per_s": between} | rows
+    return [[key, f"{x:,.5g}" if isinstance(x, float) else f"{x}"] for key, x in rows.items()]
 
 
 def plan_of_search(

@@ -101,9 +101,9 @@ def sweep(
     """Map acceleration and exposure: the best points, and trade-offs between metrics."""
     if loss is not None and not optimise:
         raise ValueError(f"`--loss` must stand beside --optimise; got '{loss.value}' alone.")
-    wholes, halves = {"--stage-acceleration": stage_acceleration}, {"--acceleration": acceleration}
+    wholes, halves = ("--stage-acceleration", stage_acceleration), ("--acceleration", acceleration)
     accelerations = _halves(wholes, halves, log, "at least 0")
-    wholes, halves = {"--exposure": exposure}, {"--half-exposure": half_exposure}
+    wholes, halves = ("--exposure", exposure), ("--half-exposure", half_exposure)
     half_exposures = _halves(wholes, halves, log, "above 0", 1e-3)
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
@@ -160,18 +160,16 @@ def _how_to_go_on(store: Path | None) -> str:
 
 
 def _halves(
-    wholes: dict[str, str | None],
-    halves: dict[str, str | None],
+    wholes: tuple[str, str | None],
+    halves: tuple[str, str | None],
     log: bool,
     bound: str,
     unit: float = 1.0,
 ) -> "np.ndarray | None":
     """Half of the numbers of one option, or those of another, which version 0.2 had."""
-    (name, whole), (former, half) = next(iter(wholes.items())), next(iter(halves.items()))
-    of_whole, of_half = (
-        _values(each, text, log, bound=bound) for each, text in ((name, whole), (former, half))
-    )
-    require(of_whole is None or of_half is None, former, f"not stand beside {name}", half)
+    of_whole, of_half = (_values(*each, log, bound=bound) for each in (wholes, halves))
+    requirement = f"not stand beside {wholes[0]}"
+    require(of_whole is None or of_half is None, halves[0], requirement, halves[1])
     if of_whole is not None:
         return of_whole * (unit / 2)
     return None if of_half is None else of_half * unit
@@ -269,22 +267,21 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         best_points,
         best_snapshots,
         gain_over,
-        gain_over_snapshot,
         level_of,
+        over_snapshots,
     )
 
     values = dataset.load()
     level = level_of(_RANGES, values)
     snapshot = best_snapshots(scene, level=level, progress=True)
-    gains = values.assign(
-        over_snapshot=gain_over_snapshot(values, scene), over_hann=gain_over(values, "Hann")
-    )
+    gain = over_snapshots(values[level], snapshot[level])
+    gains = values.assign(over_snapshot=gain, over_hann=gain_over(values, "Hann"))
     best = {name: _point_of(point, scene, level) for name, point in best_points(gains).items()}
     files = []
     if folder is not None:
         from mishutter.report.sweep_plots import write_pictures
 
-        files = write_pictures(values, scene, folder)
+        files = write_pictures(gains, level, folder)
     if as_json:
         document = {
             "best": best,

@@ -398,10 +398,6 @@ def _from_table(lines: list[str], name: str) -> _Samples:
     count, half = begin.size, -float(begin[0])
     requirement = "begin before mid-exposure, at a time below 0"
     require(half > 0, name, requirement, Unquoted(f"{begin[0] * 1e3:g} ms"))
-    if count > 1:
-        is_later = np.diff(begin) > 0
-        got = Unquoted(f"{begin[1 + int(np.argmin(is_later))] * 1e3:g} ms")
-        require(bool(is_later.all()), name, "have times that ascend", got)
     step = 2 * half / count
     is_aside = np.abs(begin - (np.arange(count) * step - half)) > step / 1000 + _SAME * half
     first = int(np.argmax(is_aside))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.paper.numbers import KernelNumbers, SpectrumNumbers, SpeedNumbers
-from mishutter.pictures.images import to_display
+from mishutter.report.plots import show_picture
 
 _STYLE = {
     "rect": {"color": "#000000", "linestyle": "-", "marker": "s"},
@@ -109,14 +109,9 @@ def _label(name: str) -> str:
 
 def _show(axes: Axes, picture: np.ndarray, title: str) -> None:
     """Shows the middle of a picture, at most twice as wide as high."""
-    shown = to_display(picture)
-    columns = min(shown.shape[1], 2 * shown.shape[0])
-    first = (shown.shape[1] - columns) // 2
-    shown = shown[:, first : first + columns]
-    grey = shown.shape[2] == 1
-    axes.imshow(shown[..., 0] if grey else shown, cmap="gray", vmin=0, vmax=1)
-    axes.set_title(title, fontsize=9)
-    axes.axis("off")
+    columns = min(picture.shape[1], 2 * picture.shape[0])
+    first = (picture.shape[1] - columns) // 2
+    show_picture(axes, picture[:, first : first + columns], title)
 
 
 def _finish(axes: np.ndarray) -> None:

@@ -243,7 +243,7 @@ def plot_levels(levels: Mapping[str, float], most: float, chosen: str | None = N
     axes.set_yticks(range(len(order)), [shown_name(name, 30) for name in order], fontsize="small")
     axes.set(xlabel="expected PSNR / dB", ylabel="camera at its best motion")
     axes.margins(x=0.1)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize="small")
+    legend_above(axes, fontsize="small")
     draw_grid(axes)
     return figure
 
@@ -265,7 +265,7 @@ def plot_drive(table: DriveTable) -> "Figure":
         passed = _over_exposure(motion, table.passed())[1][1:-1]
         top.plot(time, passed, label="behind the device", **third)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
-    top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    legend_above(top)
     leave_room(figure, top=0.4, num_rows=2)
     bottom.plot(time, np.asarray(motion.position(time * 1e-3)), **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
@@ -286,7 +286,7 @@ def plot_frames(table: FrameTable) -> "Figure":
             sent = stage.sent_for(path, time)
             axes.plot(time * 1e3, sent, label=f"sent to it{name}", **next(styles))
     # Of two axes with a servo there are five names.
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    legend_above(axes)
     leave_room(figure, top=0.4 if len(axes.lines) < 3 else 0.7)
     return figure
 
@@ -342,16 +342,22 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     axes.set_ylabel(f"{part} position / px")
     if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
         axes.set_ylim(-1, 1)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    legend_above(axes)
     return _titled(figure, title, num_rows=1 + is_shaped)
 
 
 def _titled(figure: "Figure", title: str, num_rows: int = 1) -> "Figure":
     """A figure of panels under the first line of an answer."""
+    num_lines = _write_title(figure, title)
+    leave_room(figure, top=0.45 + LINE * num_lines, num_rows=num_rows)
+    return figure
+
+
+def _write_title(figure: "Figure", title: str) -> int:
+    """Writes a line above a figure, in as many lines as it needs, which are returned."""
     lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
     figure.suptitle("\n".join(lines), fontsize="small", y=1 - 0.06 / figure.get_size_inches()[1])
-    leave_room(figure, top=0.45 + LINE * len(lines), num_rows=num_rows)
-    return figure
+    return len(lines)
 
 
 def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
@@ -471,18 +477,17 @@ def plot_transfer(
     return figure
 
 
-def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True) -> "Figure":
+def plot_psnr(results: Mapping[str, RestoredPhotograph]) -> "Figure":
     """Draws PSNR of the restored photograph against object speed, with its standard error.
 
     A curve that lies on another is left out, and that one has both names.
     """
     figure, (axes,) = _new(1)
-    levels = {name: each.linear_psnr if linear else each.psnr for name, each in results.items()}
+    levels = {name: each.linear_psnr for name, each in results.items()}
     drawn = zip(_uncovered(levels).items(), line_styles(), cycle("os^DvxP"), strict=False)
     for (name, label), style, marker in drawn:
         result, level = results[name], levels[name]
-        error = result.linear_standard_error if linear else result.standard_error
-        order = np.argsort(result.speeds)
+        error, order = result.linear_standard_error, np.argsort(result.speeds)
         error = None if np.any(np.isnan(error)) else error[order]
         axes.errorbar(
             result.speeds[order],
@@ -495,14 +500,10 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
             label=shown_name(label),
             **style,
         )
-    label = f"PSNR of one photograph, restored / dB ({_kind(linear)})"
+    label = "PSNR of one photograph, restored / dB (linear light)"
     axes.set(xlabel="object speed / (px/s)", ylabel=label)
     _legend(figure, axes)
     return figure
-
-
-def _kind(linear: bool) -> str:
-    return "linear light" if linear else "gamma-coded"
 
 
 def plot_photograph(
@@ -510,7 +511,6 @@ def plot_photograph(
     speeds: Sequence[float],  # px/s
     *,
     detail: tuple[int, int] = (48, 64),  # across and along the axis of motion; px
-    linear: bool = True,
     axis: Axis = "rows",
     decoder_speed: DecoderSpeed = "unknown",
     asides: Mapping[str, str] | None = None,
@@ -549,32 +549,31 @@ def plot_photograph(
     leave_room(figure, num_rows=len(heights), num_columns=across, rows=above + 0.1, **margins)
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
-    _show(whole, scene, "the scene, at rest; the box is magnified")
+    show_picture(whole, scene, "the scene, at rest; the box is magnified")
     corner = right.start - 0.5, down.start - 0.5
     for colour, line in (("black", 3.0), ("white", 1.2)):
         box = Rectangle(corner, size[0], size[1], fill=False, edgecolor=colour, linewidth=line)
         whole.add_patch(box)
-    _show(figure.add_subplot(grid[0, -2]), scene[down, right], "the detail, at rest")
+    show_picture(figure.add_subplot(grid[0, -2]), scene[down, right], "the detail, at rest")
     maps = []
     for row, ((name, result), own) in enumerate(zip(results.items(), places, strict=True), 1):
-        levels = result.linear_psnr if linear else result.psnr
         for number, speed in enumerate(speeds):
             index = int(np.argmin(np.abs(result.speeds - speed)))
             restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = "\n".join(titles[name])
             title += f",\ncaptured at {result.speeds[index]:.4g} px/s"
-            _show(panels[0], result.brightened(index)[own], title)
+            show_picture(panels[0], result.brightened(index)[own], title)
             # A speed that is not trusted is not used: all likely ones are restored for.
             of = ", speed in doubt" if result.doubts[index] else (asides or {}).get(name, aside)
-            _show(panels[1], restored, f"restored{of},\n{levels[index]:.2f} dB")
+            show_picture(panels[1], restored, f"restored{of},\n{result.linear_psnr[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
-            maps.append((panels[2], _error(result.reference[own], restored, linear)))
+            maps.append((panels[2], _error(result.reference[own], restored)))
     brightest = float(np.percentile([error for _, error in maps], 99)) or 1.0
     for axes, error in maps:
         axes.imshow(error, cmap=MAP_COLOURS, vmin=0, vmax=brightest)
         axes.axis("off")
-    _draw_key(figure.add_subplot(grid[0, -1]), brightest, linear)
+    _draw_key(figure.add_subplot(grid[0, -1]), brightest)
     return figure
 
 
@@ -609,13 +608,12 @@ def _offset(reference: np.ndarray, other: np.ndarray) -> int:
     raise ValueError("`plot_photograph(results=...)` must be of one photograph; got several.")
 
 
-def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:
+def _error(truth: np.ndarray, restored: np.ndarray) -> np.ndarray:
     """Root mean square error over the colours of each pixel, white = 1."""
-    pair = (truth, restored) if linear else (to_display(truth), to_display(restored))
-    return np.sqrt(np.mean((pair[1] - pair[0]) ** 2, axis=2))
+    return np.sqrt(np.mean((restored - truth) ** 2, axis=2))
 
 
-def _draw_key(axes: "Axes", brightest: float, linear: bool) -> None:
+def _draw_key(axes: "Axes", brightest: float) -> None:
     """Draws the scale of the maps of errors."""
     extent = (0, brightest * 100, 0, 1)
     axes.imshow(np.linspace(0, 1, 256)[None], cmap=MAP_COLOURS, extent=extent, aspect="auto")
@@ -623,7 +621,7 @@ def _draw_key(axes: "Axes", brightest: float, linear: bool) -> None:
     axes.set_yticks([])
     axes.tick_params(labelsize="small")
     axes.set_xlabel("error / % of white", fontsize="small")
-    axes.set_title(f"errors and PSNR:\n{_kind(linear)}", fontsize="small")
+    axes.set_title("errors and PSNR:\nlinear light", fontsize="small")
 
 
 def plot_capture(
@@ -666,7 +664,7 @@ def plot_capture(
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, picture) in zip(panels[0], shown.items(), strict=True):
         # Columns for which a panel has no dots are averaged.
-        _show(axes, _shrunk(picture, max(1, columns // 1000)), title)
+        show_picture(axes, _shrunk(picture, max(1, columns // 1000)), title)
         axes.set_aspect(aspect, anchor="S")  # the title is above
     return figure
 
@@ -689,7 +687,7 @@ def _shrunk(picture: np.ndarray, times: int) -> np.ndarray:
     return whole.reshape(rows, times, columns, times, -1).mean(axis=(1, 3))
 
 
-def _show(axes: "Axes", picture: np.ndarray, title: str) -> None:
+def show_picture(axes: "Axes", picture: np.ndarray, title: str) -> None:
     """Shows a picture in linear light on axes without ticks."""
     shown = to_display(picture)
     grey = shown.ndim == 2 or shown.shape[2] == 1
@@ -707,6 +705,11 @@ def shown_name(name: str, most: int = 40) -> str:
     name = name.encode("utf-8", "backslashreplace").decode()
     cut = name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"
     return f"{' ' if cut.startswith('_') else ''}{cut}".replace("$", r"\$")
+
+
+def legend_above(axes: "Axes", **style: Any) -> None:
+    """Writes the names of some lines above their panel, in at most three columns."""
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, **style)
 
 
 def _legend(figure: "Figure", axes: "Axes", title: str | None = None) -> None:
@@ -799,9 +802,8 @@ def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
     for axes in (plane, hodograph):
         axes.set_aspect("equal", "datalim")
     below.set(xlabel="time from the middle / ms", ylabel="stage position / px")
-    below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
-    figure.suptitle("\n".join(lines), fontsize="small")
+    legend_above(below)
+    _write_title(figure, title)
     figure.subplots_adjust(left=0.1, right=0.97, bottom=0.09, top=0.88, wspace=0.38, hspace=0.45)
     return figure
 

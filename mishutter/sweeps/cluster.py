@@ -17,7 +17,7 @@ from mishutter._core.checks import Unquoted, require
 from mishutter.design.design import package_version
 from mishutter.sweeps.blocks import Arrays, Engine
 from mishutter.sweeps.grid import Block, Grid
-from mishutter.sweeps.store import AbstractBlocks, StoredBlocks
+from mishutter.sweeps.store import Blocks, StoredBlocks
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -62,7 +62,7 @@ def connection(scheduler: object) -> "Iterator[Client]":
 
 
 def compute_remotely(
-    grid: Grid, missing: list[Block], blocks: AbstractBlocks, client: "Client", store: str | None
+    grid: Grid, missing: list[Block], blocks: Blocks, client: "Client", store: str | None
 ) -> Iterator[Block]:
     """Compute blocks on a cluster, in whatever order they are finished.
 

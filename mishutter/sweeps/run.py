@@ -32,7 +32,7 @@ from mishutter.search.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutte
 from mishutter.sweeps.blocks import Engine, Found
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import OPTIMISED, Block, Grid, Search, checked_axis, decoders_of
-from mishutter.sweeps.store import AbstractBlocks, MemoryBlocks, StoredBlocks
+from mishutter.sweeps.store import Blocks, MemoryBlocks, StoredBlocks
 
 if TYPE_CHECKING:
     import xarray
@@ -174,7 +174,7 @@ def _filled(
 ) -> "xarray.Dataset":
     """The results of a grid, of which a store may hold some."""
     with nullcontext() if scheduler is None else connection(scheduler) as client:
-        blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
+        blocks: Blocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
         missing, num_points = blocks.missing(), grid.num_points(grid.blocks())
         done = num_points - grid.num_points(missing)
         if done:
@@ -223,7 +223,7 @@ _WHY_NO_POINT = "compiling, or measuring all points by a shutter at once"
 
 
 def _computed_here(
-    grid: Grid, missing: list[Block], blocks: AbstractBlocks, found: Found
+    grid: Grid, missing: list[Block], blocks: Blocks, found: Found
 ) -> Iterator[Block]:
     if missing:
         for block, arrays in zip(missing, Engine(grid).computed(missing, found), strict=True):

@@ -15,7 +15,6 @@ import os
 import tempfile
 import warnings
 import zlib
-from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -53,27 +52,8 @@ _MEANINGS = {
 """Long names and units of coordinates, and of variables that are no metrics."""
 
 
-class AbstractBlocks(ABC):
-    """Blocks that were computed, and those that still have to be."""
-
-    @abstractmethod
-    def missing(self) -> list[Block]:
-        """Blocks that the sweep has still to compute, in their order."""
-
-    @abstractmethod
-    def write(self, block: Block, arrays: Arrays) -> None:
-        """Keeps the results of a block."""
-
-    @abstractmethod
-    def dataset(self) -> "xarray.Dataset":
-        """All variables on the whole grid, with axes, units and attributes.
-
-        Those of a block that is still missing have the values with which arrays begin.
-        """
-
-
 @final
-class MemoryBlocks(AbstractBlocks):
+class MemoryBlocks:
     """Blocks in memory, for a sweep without a store, which computes them all."""
 
     def __init__(self, grid: Grid):
@@ -85,20 +65,23 @@ class MemoryBlocks(AbstractBlocks):
         }
 
     def missing(self) -> list[Block]:
+        """Blocks that the sweep has still to compute, in their order."""
         return self.grid.blocks()
 
     def write(self, block: Block, arrays: Arrays) -> None:
+        """Keeps the results of a block."""
         for name, values in arrays.items():
             region = self.grid.region(block, name)
             self.arrays[name][region] = values
 
     def dataset(self) -> "xarray.Dataset":
+        """All variables on the whole grid, with axes, units and attributes."""
         return _labelled(self.grid, self.arrays)
 
 
 @final
-class StoredBlocks(AbstractBlocks):
-    """Blocks in a Zarr store."""
+class StoredBlocks:
+    """Blocks in a Zarr store, in which an earlier run may have put some."""
 
     def __init__(self, grid: Grid, path: str | Path, *, make: bool = True):
         import zarr
@@ -161,6 +144,10 @@ class StoredBlocks(AbstractBlocks):
 
         dataset = xarray.open_zarr(self.path, chunks=None, consolidated=False)
         return dataset[list(self.grid.variables)]
+
+
+Blocks = MemoryBlocks | StoredBlocks
+"""Blocks that were computed, and those that still have to be."""
 
 
 def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":

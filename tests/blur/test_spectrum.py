@@ -91,6 +91,19 @@ def test_vmap_jit_and_blocks_change_nothing():
     )
 
 
+@pytest.mark.parametrize(("velocity", "speed"), [(9e3, -8e3), (-8e3, 9e3)])
+def test_a_pan_against_an_object_is_its_speed_over_the_sensor(velocity, speed):
+    """Nodes are as many as its phase turns, some 180 times at the highest frequency."""
+    panned, still = (
+        ParabolicMotion(acceleration=3e4, half_exposure=0.01, velocity=v) for v in (velocity, 0.0)
+    )
+    found, wanted = (
+        transfer_function(HannShutter(), motion, speed=s, frequency=FREQUENCY[:4])
+        for motion, s in ((panned, speed), (still, speed - velocity))
+    )
+    np.testing.assert_allclose(found, wanted, atol=10 * IDENTITY)
+
+
 def test_lists_are_arrays():
     """A list of taps, speeds or frequencies is the row that it looks like."""
     taps, speeds, frequency = [0.1, 0.5, 0.3], [3.0, -50.0], [0.11, 0.37]

@@ -118,7 +118,7 @@ def a_camera(**changes):
     numbers = {
         "shutter": SplineShutter(np.minimum(coefficients, 1)),
         "coefficients": coefficients,
-        "coefficient_errors": np.full(9, 0.025),
+        "coefficient_errors": np.linspace(0.017, 0.033, 9),
         "estimates": {"lens_blur_px": Estimate(0.62, 0.01)},
         "not_identifiable": (),
         "names": ("a.csv",),
@@ -136,6 +136,7 @@ def test_a_transmittance_above_1_is_printed_with_its_meaning(capsys):
     fit_command._print(a_camera(), {"as built": 27.3})
     out = " ".join(capsys.readouterr().out.split())
     assert "Transmittance 4, of 1.06, is 2.4 error bars above an open shutter. A fit" in out
+    assert "transmittance 3 0.9700 0.023 transmittance 4 1.0600 0.025" in out
     fit_command._print(a_camera(coefficients=np.linspace(0, 1, 9)), {"as built": 27.3})
     assert "above an open" not in capsys.readouterr().out
 
@@ -174,8 +175,16 @@ BAD = {
     ),
     "speed-in-km-h": (PICTURE + "speed_km_per_h = 3\n", b"1", "must hold known keys only"),
     "half-an-array": (PICTURE, b"\x93NUMPY\x01", "must be a whole .npy file; got: "),
-    "words": (PICTURE, b"1,2\n3,dark\n", "must hold numbers alone below its heading; got 'dark'"),
-    "ragged": (PICTURE, b"1,2\n3\n", "must hold 2 values a row; got 1 in '3'"),
+    "words": (
+        PICTURE,
+        b"1,2\n3,dark\n",
+        "numbers a row; got: could not convert string 'dark'",
+    ),
+    "ragged": (
+        PICTURE,
+        b"1,2\n3\n",
+        "hold 2 numbers a row; got: the number of columns changed",
+    ),
     "narrow": (PICTURE, b"1,2,3\n", "must have at least 16 columns; got 3"),
     "saturated": (
         PICTURE + "\n[sensor]\nfull_level = 4095\n",

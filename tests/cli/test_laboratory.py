@@ -15,6 +15,7 @@ from support.designs import MOTION, SCENE
 from support.drive import a_design
 from support.exports import HALF as PULSE_HALF
 from support.exports import pulse, tektronix_mso
+from support.rows import made_up
 
 from mishutter import (
     Design,
@@ -31,9 +32,13 @@ from mishutter import (
 
 # A comparison searches for minutes; the tests read what it would be given.
 from mishutter.cli import app
-from mishutter.cli.laboratory import note_other_device
+from mishutter.cli.laboratory import AS_DESIGNED, AS_MEASURED, Cameras, note_other_device
 from mishutter.design.design import GIVEN, given_design
+from mishutter.hardware.traces import MeasuredProfile, Trace
 from mishutter.model.scene import in_sensor_frame, scene_text
+from mishutter.report import measured
+from mishutter.report.comparison import Comparison
+from mishutter.report.documents import Report
 from mishutter.search.rivals import is_finished
 
 LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
@@ -252,7 +257,6 @@ def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, mo
     monkeypatch.setattr(app, "_compared", lambda *given, **others: seen.append(given))
     monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
-    monkeypatch.setattr(app, "_next_step", lambda *given: "")
     files = ["--drive", tmp_path / "drive.csv", "--measured", tmp_path / "trace.csv"]
     assert cli.main([str(x) for x in (*given, *files)]) == 0, capsys.readouterr().err
     scene, motion, cameras, *_ = seen[0]
@@ -281,7 +285,6 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
     monkeypatch.setattr(app, "_compared", lambda *given, **others: seen.append(given))
     monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
-    monkeypatch.setattr(app, "_next_step", lambda *given: "")
     files = ["compare", folder / "scene.toml", "--measured", tmp_path / "scope.csv"]
     line = refused(capsys, *files)
     assert "must have one column of levels, or be read with the name of one as its `column`" in line
@@ -303,3 +306,16 @@ def test_a_camera_that_is_given_is_not_tuned():
     other = in_sensor_frame(SCENE, MOTION.panned(100.0))[0]
     for loss in (ExpectedErrorLoss(), DesignLoss()):
         assert is_finished(camera, other, loss)
+
+
+def test_a_measured_shutter_is_judged_at_its_own_best_motion(monkeypatch):
+    """Rows at the same motion have the same names; without a trace nothing is added."""
+    own, seen = made_up({AS_DESIGNED: 24.1, AS_MEASURED: 23.7}), []
+    same = [replace(row, reading="same motion") for row in own]
+    report = Report(SCENE, Comparison((*own, *same), "V.", 0.1, 31.0), ())
+    monkeypatch.setattr(measured, "measured_camera", lambda _, rows, *a, **b: seen.append(rows))
+    assert app._beside_design(report, Cameras({}), 0.0) is report
+    trace = Trace(np.arange(9.0), np.ones(9))
+    profile = MeasuredProfile(SplineShutter([0.2, 0.9, 0.8, 0.1]), 0.01, 0.0, 1.0)
+    app._beside_design(report, Cameras({}, trace, profile), 0.0)
+    assert all(seen[0][row.name] is row for row in own)

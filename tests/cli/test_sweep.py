@@ -246,7 +246,7 @@ def test_whole_exposures_are_twice_their_halves():
     """Of 6 to 18 ms, as halves of 3 to 9 ms; both become half exposures in seconds."""
     ranges = ("6:18:3", None), (None, "3:9:3")
     for whole, half in ranges:
-        options = {"--exposure": whole}, {"--half-exposure": half}
+        options = ("--exposure", whole), ("--half-exposure", half)
         found = _halves(*options, False, "above 0", 1e-3)
         np.testing.assert_allclose(found, [0.003, 0.006, 0.009])
 

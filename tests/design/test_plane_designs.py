@@ -118,6 +118,11 @@ def test_each_kind_of_design_refuses_the_file_of_the_other(tmp_path):
     with pytest.raises(ValueError, match="3 frames have as many exposures"):
         PlaneDesign.load(plane)
     data["plane"]["exposures_s"] *= 3
+    last = data["plane"]["velocities_px_per_s"][1].pop()
+    plane.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match="64 pieces have 65 velocities along each axis"):
+        PlaneDesign.load(plane)
+    data["plane"]["velocities_px_per_s"][1].append(last)
     del data["velocities"]
     plane.write_text(json.dumps(data))
     with pytest.raises(ValueError, match="`velocities` must be given; got nothing"):

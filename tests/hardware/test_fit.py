@@ -392,6 +392,20 @@ def test_pictures_of_no_use_are_refused(slug):
         fit([made(row)], SENT, COMMAND, sensor=sensor)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("share", "is_refused"), [(1.02, True), (0.98, False)])
+def test_the_ends_of_a_picture_change_by_six_times_its_noise_at_most(side, share, is_refused):
+    """From two columns to the next two, be it at the first or at the last."""
+    sensor, row = SensorLevels(read_noise=3.0), np.where(np.arange(40) < 20, 100.3, 400.7)
+    row[:2] -= share * 6 * np.sqrt(np.max(sensor.variance(row, False)) / 5)
+    picture = TargetPicture(np.tile(row[::side], (5, 1)), "edge", name="x")
+    if is_refused:
+        with pytest.raises(ValueError, match="columns that the blur does not reach"):
+            picture.profile(sensor)
+    else:
+        np.testing.assert_allclose(picture.profile(sensor), row[::side])
+
+
 def test_arguments_of_a_fit_are_checked():
     """A camera at rest has no kernel from its vertex, and a profile has four coefficients."""
     picture = pictures(2, SPEEDS[:1])

@@ -268,3 +268,13 @@ def test_an_interpolant_has_pieces_for_what_is_declared():
     ends = piecewise(LeafShutter()).breakpoints(np.dtype(np.float64))
     assert ends.size == 64 + 1 + 4
     assert np.all(np.diff(ends) >= 0)
+
+
+@pytest.mark.parametrize(("off", "moves"), [(1.4e-14, True), (-1.4e-14, True), (1.5e-14, False)])
+def test_a_time_that_all_but_coincides_with_a_declared_one_moves_with_it(off, moves):
+    """Within 64 roundings, on either side of mid-exposure: else rounding tells where a jump is."""
+    place = 0.5 + off
+    ends = np.asarray(piecewise(DeclaredSlit(jnp.array(place))).breakpoints(np.dtype(float)))
+    for sign in (1, -1):
+        assert np.count_nonzero(ends == sign * place) == 1 + moves
+        assert np.any(ends == sign * 0.5) == (not moves)

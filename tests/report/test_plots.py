@@ -788,9 +788,6 @@ def test_photograph_of_several_designs(tmp_path):
     ]
     assert all(axes.images for axes in figure.axes)
     assert "linear light" in figure.axes[-1].get_title()
-    coded = plot_photograph(results, [400.0], detail=(11, 17), linear=False)
-    assert _rows(coded, 3)[1][1].get_title() == "restored,\n24.70 dB"
-    assert "gamma-coded" in coded.axes[-1].get_title()
     save_figure(figure, tmp_path / "photograph.png")
 
 
@@ -806,7 +803,7 @@ def test_a_detail_whose_speed_is_in_doubt_says_so():
 def test_a_detail_is_of_one_place():
     """Also of designs that recorded other columns, as a camera at rest does beside a moving one."""
     results = {"Hann": photograph(21), "best snapshot": photograph(21, columns=slice(5, 28))}
-    figure = plot_photograph(results, [0.0], detail=(11, 9), linear=True)
+    figure = plot_photograph(results, [0.0], detail=(11, 9))
     scene = figure.axes[1].images[0].get_array()
     assert scene.shape == (11, 9)
     for panels in _rows(figure, 3):
@@ -829,7 +826,7 @@ def test_a_detail_is_where_the_photograph_varies():
 def test_errors_have_one_scale():
     """The map of the worse design is darker, and the key spans the scale in % of white."""
     results = {"good": photograph(50), "bad": photograph(5)}
-    figure = plot_photograph(results, [0.0], detail=(11, 17), linear=True)
+    figure = plot_photograph(results, [0.0], detail=(11, 17))
     good, bad = (panels[2].images[0] for panels in _rows(figure, 3))
     np.testing.assert_allclose(bad.norm(bad.get_array()), 1)
     np.testing.assert_allclose(good.norm(good.get_array()), 0.1)
@@ -852,17 +849,16 @@ def test_levels_are_drawn_in_order_of_speed():
         speeds=found.speeds[order], psnr=found.psnr[order], linear_psnr=found.linear_psnr[order]
     )
     for result in (found, mixed):
-        for options, levels in (({}, found.linear_psnr), ({"linear": False}, found.psnr)):
-            axes = plot_psnr({"rect": result}, **options).axes[0]
-            line = axes.get_lines()[0]
-            np.testing.assert_array_equal(line.get_xdata(), found.speeds)
-            np.testing.assert_array_equal(line.get_ydata(), levels)
-            assert ("gamma-coded" in axes.get_ylabel()) == bool(options)
+        axes = plot_psnr({"rect": result}).axes[0]
+        line = axes.get_lines()[0]
+        np.testing.assert_array_equal(line.get_xdata(), found.speeds)
+        np.testing.assert_array_equal(line.get_ydata(), found.linear_psnr)
+        assert "linear light" in axes.get_ylabel()
 
 
 def test_one_seed_has_no_error_bar():
     """Without a second capture there is no standard error, and no bar stands for it."""
-    figure = plot_psnr({"rect": photograph(21, num_seeds=1)}, linear=True)
+    figure = plot_psnr({"rect": photograph(21, num_seeds=1)})
     assert not figure.axes[0].collections
 
 

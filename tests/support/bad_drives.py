@@ -66,7 +66,7 @@ DRIVES = {
         table(names="begin,begin"),
         "must have each column once; got 'begin'",
     ),
-    "unordered": ("d.csv", table({5: "-8,0.5"}), "must have times that ascend; got -8 ms"),
+    "unordered": ("d.csv", table({5: "-8,0.5"}), "must have equal steps without a gap, 11 from -1"),
     "gap": (
         "d.csv",
         table({7: None}),
@@ -78,9 +78,9 @@ DRIVES = {
         "must begin before mid-exposure, at a time below 0; got 0 ms",
     ),
     "nan": ("d.csv", table({3: "-5,nan"}), "must hold finite numbers; got -5,nan"),
-    "word": ("d.csv", table({3: "-5,open"}), "must hold numbers alone below its heading; got 'op"),
-    "ragged": ("d.csv", table({3: "-5"}), "must hold 2 values a row; got 1 in '-5'"),
-    "decimal-comma": ("d.csv", table({3: "-5,0,5"}), "must hold 2 values a row; got 3 in"),
+    "word": ("d.csv", table({3: "-5,open"}), "numbers a row; got: could not convert string 'open'"),
+    "ragged": ("d.csv", table({3: "-5"}), "a row; got: the number of columns changed from 2 to 1"),
+    "decimal-comma": ("d.csv", table({3: "-5,0,5"}), "a row; got: the number of columns changed"),
     "above-one": (
         "d.csv",
         table({3: "-5,1.5"}),
