@@ -30,6 +30,7 @@ from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
 from mishutter.evaluation.instants import Instants
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import FramePath
+from mishutter.pictures.registration.windows import means
 
 _WIDTH, _FINER = 6, 1.25
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
@@ -92,7 +93,7 @@ class RowPaths:
         """Takes the instants of some frames of a path, from one on."""
         self.path, self.instants, self._size = jax.tree.map(np.asarray, path), instants, size
         self.is_along = times.is_along
-        self.delays = binned_along(times.delays, 0, size) if self.is_along else times.delays
+        self.delays = means(times.delays, size, (0,)) if self.is_along else times.delays
         self.middles = np.sum(instants.time * instants.weight, axis=1)
         # Their clock and their places may begin elsewhere than the path's.
         self.clock = float(path.times[first] - self.middles[0])
@@ -192,17 +193,6 @@ class RowsInTurn:
         index, weights = _few_delays(products, self._share * canvas.noises)
         weights = CubicSpline(tried, np.moveaxis(weights, 2, 0))(paths.delays)
         return [there[k] for k in index], weights.transpose(1, 0, 2), places
-
-
-def binned_along(
-    values: Float[np.ndarray, "..."], axis: int, size: int
-) -> Float[np.ndarray, "..."]:
-    """Means of so many neighbours along an axis, the last few left out."""
-    count = values.shape[axis] // size
-    if size == 1:
-        return values
-    last = np.moveaxis(values, axis, -1)[..., : count * size]
-    return np.moveaxis(last.reshape(*last.shape[:-1], count, size).mean(axis=-1), -1, axis)
 
 
 def _mean_place(of: Instants) -> Float[np.ndarray, "axes n"]:

@@ -22,7 +22,7 @@ from mishutter.pictures.registration.search import (
     searched,
 )
 from mishutter.pictures.registration.sweep import ROBUST, UNCERTAIN, Region, Smoothed, Sweep
-from mishutter.pictures.registration.windows import Window
+from mishutter.pictures.registration.windows import Window, means
 
 MOST_FRAMES = 16
 """Frames about the middle of a clip in which motion is looked for."""
@@ -131,9 +131,7 @@ def motion_of(
     while size[0] * size[1] / scale**2 > MOST_PIXELS:
         scale += 1
     if scale > 1:
-        rows, columns = (n // scale for n in size)
-        cut = frames[:, : rows * scale, : columns * scale]
-        frames = cut.reshape(-1, rows, scale, columns, scale).mean(axis=(2, 4)) * scale
+        frames = scale * means(frames, scale, dtype=frames.dtype)
     count = len(frames)
     times = np.arange(count, dtype=np.float64)
     smooth = Smoothed.of(frames, times, 1.0), Smoothed.of(frames, times, 2.0)

@@ -12,7 +12,8 @@ from scipy import fft, ndimage, optimize, special
 from mishutter.measurement.clip import Clip
 from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.photon_transfer import Transfer, blocks_of, pairs_of
-from mishutter.measurement.steady import SIDE, Steady, means
+from mishutter.measurement.steady import SIDE, Steady
+from mishutter.pictures.registration.windows import means
 
 NOISE = "the noise"
 UNCOMPRESSED = "Record frames as the sensor gives them: PNG or TIFF, no compression, no denoising"
