@@ -25,8 +25,8 @@ from jaxtyping import Complex, Float, Int
 
 from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.responses import frequencies_along, waves_of
-from mishutter.camera.rows import counted_in, fast_length, irfftn, pixels_through, rfftn
-from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
+from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
+from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, LineInTurn
 from mishutter.evaluation.instants import Instants
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import FramePath
@@ -167,7 +167,7 @@ class RowsInTurn:
                 (way[0] + back).reshape(-1, 1), np.ones((1, 1)), length, length // 2 + 1
             )
             rows.append(weight @ kernel * turn.reshape(*way.shape[1:], -1))
-        return [LineInTurn(one, canvas) for one in rows] if paths.is_along else np.stack(rows)
+        return [LineInTurn(one, length) for one in rows] if paths.is_along else np.stack(rows)
 
     @cached_property
     def _few(
@@ -225,29 +225,6 @@ def _few_delays(
         if np.all(left <= most * count):
             break
     return index.tolist(), weights
-
-
-@final
-class LineInTurn(AbstractRolledFrame):
-    """A frame whose pixels along the line of a DFT have responses of their own."""
-
-    def __init__(self, matrix: Complex[np.ndarray, "s pixels k"], canvas: Canvas):
-        """Takes the response of each pixel times the waves there."""
-        self._matrix, self._canvas = matrix, canvas
-
-    @property
-    def matrix(self) -> Complex[np.ndarray, "s pixels k"]:
-        return self._matrix
-
-    def seen(self, spectrum: Complex[np.ndarray, "s rows k"]) -> Float[np.ndarray, "s rows pixels"]:
-        return pixels_through(self.matrix, spectrum, *self._canvas.shape)
-
-    def told(self, frame: Float[np.ndarray, "... rows pixels"]) -> Complex[np.ndarray, "s rows k"]:
-        return frame @ self.matrix.conj()
-
-    @property
-    def power(self) -> Float[np.ndarray, "s 1 k"]:
-        return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)
 
 
 @final

@@ -134,7 +134,7 @@ def test_a_file_that_is_no_video_is_not_given_to_ffmpeg(tmp_path):
 
 
 def test_pictures_of_a_folder_have_one_white(tmp_path):
-    """It is told of all frames, in the order of their numbers; untold, one warning stands for all."""
+    """It is told of all, in the order of their numbers; untold, one warning stands for all."""
     import tifffile
 
     deep = FRAMES.astype(np.uint16) * 16 + 3
