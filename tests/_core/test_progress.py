@@ -84,7 +84,7 @@ def test_a_counter_names_what_it_is_at():
 
 
 def test_work_of_one_part_is_told_by_its_name():
-    """ "1 of 1" would say that it is done."""
+    """A count of 1 of 1 would say that it is done."""
     counter = Counter(1)
     counter.began("ways of the stage")
     counter.within("ways of the stage", 0.47)
