@@ -5,9 +5,10 @@ Two ellipses of photographs move along the rows before a third photograph, as in
 sweep. Told, the decoder knows velocities and outlines; blind it finds both; between the two it is
 told the velocities.
 
-Scenes that `results/moving_objects.json` holds already are not done again.
+What `results/moving_objects.json` holds already is not done again.
 """
 
+import itertools
 import json
 import sys
 import tempfile
@@ -80,35 +81,35 @@ def told(each: Layered, scene: ms.Scene, taken: np.ndarray, frames: list) -> np.
     return composite(found, misfit, light_of(misfit, decoder), alone).light
 
 
-def measured(seed: int) -> list[dict]:
+def measured(seed: int, light: tuple[float, float]) -> list[dict]:
     """Levels told and reached of one scene."""
-    each, rows, inner = layered(seed), [], np.s_[:, BORDER:-BORDER]
+    (rate, read_noise), rows, inner = light, [], np.s_[:, BORDER:-BORDER]
+    each = layered(seed)
 
     def level(light: np.ndarray) -> float:
         return decibels(np.mean((np.clip(light, 0, 1) - each.truth)[inner] ** 2))
 
-    for rate, read_noise in LIGHTS:
-        scene = ms.Scene.uniform(
-            max_speed=FASTEST,
-            photon_rate=rate,
-            read_noise=read_noise,
-            occlusion=ms.Occlusion(front_share=each.share, object_width=each.width),
-            decoder_speed="known",
-        )
-        with tempfile.TemporaryDirectory() as folder:
-            own = each.scene(Path(folder))
-        own = replace(own, photon_rate=scene.photon_rate, read_noise=scene.read_noise)
-        for kind, frames in kinds().items():
-            key = jax.random.key(seed)
-            taken = np.asarray(ms.simulate_frames(each.layers, scene, frames, key=key))[..., 0]
-            row = {"seed": seed, "rate": rate, "read_noise": read_noise, "frames": kind}
-            row["level"] = float(ms.exposures_psnr(own, frames))
-            row["told"] = level(told(each, scene, taken, frames))
-            for way, speed in (("velocities told", each.speeds), ("blind", None)):
-                found = ms.restore_frames(taken, scene, frames, speed=speed)
-                row[way] = level(np.asarray(found.light))
-            row["speeds"] = [one.speed for one in found.objects]
-            rows.append(row)
+    scene = ms.Scene.uniform(
+        max_speed=FASTEST,
+        photon_rate=rate,
+        read_noise=read_noise,
+        occlusion=ms.Occlusion(front_share=each.share, object_width=each.width),
+        decoder_speed="known",
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        own = each.scene(Path(folder))
+    own = replace(own, photon_rate=scene.photon_rate, read_noise=scene.read_noise)
+    for kind, frames in kinds().items():
+        key = jax.random.key(seed)
+        taken = np.asarray(ms.simulate_frames(each.layers, scene, frames, key=key))[..., 0]
+        row = {"seed": seed, "rate": rate, "read_noise": read_noise, "frames": kind}
+        row["level"] = float(ms.exposures_psnr(own, frames))
+        row["told"] = level(told(each, scene, taken, frames))
+        for way, speed in (("velocities told", each.speeds), ("blind", None)):
+            found = ms.restore_frames(taken, scene, frames, speed=speed)
+            row[way] = level(np.asarray(found.light))
+        row["speeds"] = [one.speed for one in found.objects]
+        rows.append(row)
     return rows
 
 
@@ -117,6 +118,8 @@ def table_of(rows: list[dict]) -> list[dict]:
     table = []
     for light in LIGHTS:
         mine = [row for row in rows if (row["rate"], row["read_noise"]) == light]
+        if not mine:
+            continue
         of = {kind: [row for row in mine if row["frames"] == kind] for kind in kinds()}
         for kind, own in of.items():
             head = {"light": f"{light[0]:.0e} e-/s, {light[1]:g} e-", "four frames": kind}
@@ -137,9 +140,10 @@ def main(count: int = NUM_SCENES) -> None:
     jax.config.update("jax_enable_x64", True)
     path = harness.RESULTS / "moving_objects.json"
     rows = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
-    for seed in range(count):
-        if all(row["seed"] != seed for row in rows):
-            rows += measured(seed)
+    done = {(row["seed"], row["rate"], row["read_noise"]) for row in rows}
+    for light, seed in itertools.product(LIGHTS, range(count)):
+        if (seed, *light) not in done:
+            rows += measured(seed, light)
             harness.write("moving_objects", rows)
     table = harness.table(table_of(rows), ["light", "four frames", *WAYS])
     harness.section("moving_objects", TEXT.format(count=count, size=SIZE, table=table))

@@ -156,12 +156,20 @@ def require_finite(subject: str, value: RowLike) -> None:
         require(bool(np.all(finite)), subject, "be finite", got)
 
 
-def require_at_least(subject: str, value: ArrayLike, bound: str, *, strict: bool = False) -> None:
-    """Refuses numbers below 0, and 0 itself if `strict`; `bound` is the requirement in words."""
+def require_at_least(
+    subject: str,
+    value: ArrayLike,
+    bound: str,  # The requirement in words
+    *,
+    strict: bool = False,
+    most: float = math.inf,
+) -> None:
+    """Refuses numbers below 0, 0 itself if `strict`, and numbers above the greatest."""
     require_finite(subject, value)
     if is_concrete(value):
         array = np.asarray(value)
-        require(bool(np.all(array > 0 if strict else array >= 0)), subject, f"be {bound}", value)
+        is_within = (array > 0 if strict else array >= 0) & (array <= most)
+        require(bool(np.all(is_within)), subject, f"be {bound}", value)
 
 
 def require_scalar(subject: str, value: ArrayLike) -> None:
@@ -171,10 +179,20 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
     require(np.ndim(value) == 0, subject, "be a scalar", shape_of(value))
 
 
-def require_number(subject: str, value: ArrayLike, bound: str, *, strict: bool = False) -> None:
-    """Refuses anything but a scalar that is at least 0, or above it, as `require_at_least`."""
+def require_number(
+    subject: str,
+    value: ArrayLike,
+    bound: str | None = None,
+    *,
+    strict: bool = False,
+    most: float = math.inf,
+) -> None:
+    """Refuses anything but a finite scalar, within the bounds of `require_at_least` if any."""
     require_scalar(subject, value)
-    require_at_least(subject, value, bound, strict=strict)
+    if bound is None:
+        require_finite(subject, value)
+    else:
+        require_at_least(subject, value, bound, strict=strict, most=most)
 
 
 def require_key(subject: str, value: object) -> None:

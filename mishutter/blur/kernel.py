@@ -21,8 +21,8 @@ from mishutter._core.checks import (
     is_concrete,
     require,
     require_finite,
+    require_number,
     require_positive_int,
-    require_scalar,
     shape_of,
 )
 from mishutter.blur.crossings import branch_times
@@ -96,8 +96,7 @@ def blur_kernel(
     num_taps = require_positive_int(subject, num_taps)
     require(num_taps <= _MOST_TAPS, subject, f"be at most {_MOST_TAPS}", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):
-        require_scalar(f"blur_kernel({name}=...)", value)
-        require_finite(f"blur_kernel({name}=...)", value)
+        require_number(f"blur_kernel({name}=...)", value)
     return aligned_kernel(
         shutter,
         motion,
@@ -158,8 +157,7 @@ def binned_exposure(
         ValueError: if `edges` are not finite and ascending, or fewer than two, or
             `speed` is not a finite scalar.
     """
-    require_scalar("binned_exposure(speed=...)", speed)
-    require_finite("binned_exposure(speed=...)", speed)
+    require_number("binned_exposure(speed=...)", speed)
     subject = "binned_exposure(edges=...)"
     require(np.ndim(edges) == 1, subject, "be one row", shape_of(edges))
     require(np.size(edges) >= 2, subject, "hold at least two edges", np.size(edges))

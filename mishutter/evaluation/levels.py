@@ -92,21 +92,7 @@ def exposures_psnr(
             more than 10 px of the sensor in a panel, while the program runs if numbers are traced.
     """
     require_scene(scene, in_plane=True)
-    caller = "exposures_psnr"
-    return level_of(scene, exposures, caller, grid, lights=lights, num_panels=num_panels)
-
-
-def level_of(
-    scene: Scene,
-    exposures: Frames | Exposures | Instants,
-    caller: str,
-    grid: Grid,
-    *,
-    lights: Lights | None = None,
-    num_panels: int | None = None,
-) -> Float[Array, ""]:
-    """The level of exposures, of panels that hold their ways."""
-    frames, error = _alone(exposures), 0.0
+    caller, frames, error = "exposures_psnr", _alone(exposures), 0.0
     for share, instants in rows_of(scene, exposures, caller, lights, num_panels):
         fan = fan_of(scene, instants, grid)
         if num_panels is not None:
@@ -276,16 +262,13 @@ class Light(NamedTuple):
 
 
 @alone_in_blas()
-def left(
-    scene: Scene, instants: Instants, fan: Fan, num_speeds: int, compiled_as: np.dtype | None = None
-) -> Numbers | np.floating:
-    """Squared error that is left, white = 1; by NumPy if all is known, but for a precision."""
+def left(scene: Scene, instants: Instants, fan: Fan, num_speeds: int) -> Numbers | np.floating:
+    """Squared error that is left, white = 1; by NumPy if all is known."""
     parts = components_on(scene, fan, num_speeds)
     numbers = fan, parts, Light.of(scene), instants, Strips.of(scene)
-    if all_concrete(numbers) and compiled_as is None:
+    if all_concrete(numbers):
         return error_left(*jax.tree.map(np.asarray, numbers))
-    dtype = compiled_as or instants.time.dtype
-    return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, dtype), numbers))
+    return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, instants.time.dtype), numbers))
 
 
 def error_left(

@@ -71,9 +71,6 @@ class Limit(NamedTuple):
     requirement: str  # Words for what a motion must do, of the numbers `taken` and `there`
     got: str  # Words for what a motion does, of the same numbers
     scale: float = 1.0  # Factor from the unit of the numbers to that of the words
-    # Whether the search has a formula for the motions within it. Otherwise it looks for them, where
-    # the use never falls with acceleration, half exposure and speed
-    is_solved: bool = True
 
     def words(self, demand: LimitUse) -> tuple[str, str]:
         """The requirement of an error, and what it got, of one motion."""
@@ -377,11 +374,11 @@ class Limits(AbstractModule):
         half_exposure: Float[Array, ""],
         velocity: Float[Array, ""],
     ) -> Float[Array, ""]:
-        """Share in use of what the stage reaches: the greatest of all limits without a formula.
+        """Share in use of what the stage reaches, for which there is no formula.
 
-        Those are its travel, its top speed where its jerk is limited, and what `LIMITS` says. It
-        never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
-        velocity, px/s, in the frame of the stage.
+        That is its travel, and its top speed where its jerk is limited. It never falls with the
+        acceleration, px/s^2, the half exposure, s, or the size of the velocity, px/s, in the frame
+        of the stage.
 
         Args:
             acceleration: $a$; px/s^2.
@@ -393,18 +390,22 @@ class Limits(AbstractModule):
         )
         return self.stage_share_of(motion)
 
-    def stage_share_of(self, motion: AbstractMotion) -> Float[Array, ""]:
-        """The `stage_share` of a motion; scalar.
+    def stage_share_of(self, motion: AbstractMotion) -> Float[Array, "..."]:
+        """The `stage_share` of a motion; of the shape of stacked motions.
 
         Args:
             motion: Motion of the sensor.
         """
-        share = self._travel_share(motion)
-        for limit in LIMITS:
-            if not limit.is_solved:
-                taken, there = limit.demand(self, motion)
-                if taken is not None and there is not None:
-                    share = jnp.maximum(share, taken / there)
+        use = stage_use(self.of_stage(motion), self.max_acceleration, self.max_jerk)
+        share = jnp.zeros_like(use.travel)
+        if self.max_travel is not None:
+            share = jnp.maximum(share, use.travel / self.max_travel)
+        if self.max_jerk is not None:
+            velocity = jnp.asarray(motion.velocity)
+            by_camera = velocity if self.pans == "camera" else jnp.zeros_like(velocity)
+            beside = jnp.abs(by_camera) - jnp.abs(self._frame(velocity))
+            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
+            share = jnp.maximum(share, (use.top_speed + beside) / most)
         return share
 
     def stage_path(self, motion: AbstractMotion) -> StagePath | None:
@@ -553,22 +554,8 @@ class Limits(AbstractModule):
         numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": velocity}
         return self.largest("acceleration", rest, most, numbers)
 
-    def _travel_share(self, motion: AbstractMotion) -> Array:
-        """The share of travel and top speed that a motion takes with its run-up and its run-out."""
-        use = stage_use(self.of_stage(motion), self.max_acceleration, self.max_jerk)
-        share = jnp.zeros_like(use.travel)
-        if self.max_travel is not None:
-            share = jnp.maximum(share, use.travel / self.max_travel)
-        if self.max_jerk is not None:
-            velocity = jnp.asarray(motion.velocity)
-            by_camera = velocity if self.pans == "camera" else jnp.zeros_like(velocity)
-            beside = jnp.abs(by_camera) - jnp.abs(self._frame(velocity))
-            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
-            share = jnp.maximum(share, (use.top_speed + beside) / most)
-        return share
 
-
-_compiled_travel_share = compiled(Limits._travel_share)
+_compiled_travel_share = compiled(Limits.stage_share_of)
 
 
 @compiled

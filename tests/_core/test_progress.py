@@ -85,6 +85,15 @@ def test_a_counter_names_what_it_is_at():
     assert in_turn.place == "one that was not counted, 2 of 2"
 
 
+def test_work_of_one_part_is_told_by_its_name():
+    """A count of 1 of 1 would say that it is done."""
+    counter = Counter(1)
+    counter.began("ways of the stage")
+    counter.within("ways of the stage", 0.47)
+    assert counter.place == "ways of the stage 47%"
+    assert Counter(1).place == "0 of 1"
+
+
 def test_a_counter_that_stays_says_why(monkeypatch):
     """Before the first step, and after ten seconds without one, the last that is counted too."""
     now = [1000.0]

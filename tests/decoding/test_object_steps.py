@@ -3,6 +3,8 @@
 Three frames of unlike exposures show two things that overlap, one of which goes back and up.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -36,6 +38,7 @@ from mishutter.decoding.objects.outlines import (
     given_others,
     mean_lights,
 )
+from mishutter.decoding.objects.restored import _instants_of
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import _along as along_thing
 from mishutter.decoding.objects.velocities import _at_outline, _within
@@ -163,10 +166,28 @@ def test_frames_are_layers_in_their_order():
         np.testing.assert_allclose(sight.frames(layers)[k], wanted, atol=2e-3)
 
 
+def on_a_path(stills):
+    """The same frames of a sensor that turns back in the first, and pans in the last."""
+    rates, velocities, places = (3e4, 0.0, 0.0), (60.0, 0.0, 300.0), (1.4, 0.0, -2.3)
+    each = zip(TIMES, EXPOSURES, rates, velocities, places, strict=True)
+    frames = [
+        ms.TimedFrame(
+            ms.FreeMotion(accelerations=[rate], half_exposure=exposure / 2, velocity=velocity),
+            float(time),
+            place,
+        )
+        for time, exposure, rate, velocity, place in each
+    ]
+    return replace(stills, instants=_instants_of(frames, 500.0))
+
+
+@pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("number", [0, 1])
-def test_frames_are_linear_in_a_matte(number):
+def test_frames_are_linear_in_a_matte(number, moves):
     """Those of another matte are what is seen of it, before and behind; slopes are of squares."""
     found, other = arrangement(), arrangement()
+    if moves:
+        found, other = (each.seen_in(on_a_path(each.stills)) for each in (found, other))
     for one in (*found.things, *other.things):
         soft = smoothed(one.matte, 1.5)
         one.matte = np.where(soft > 0.01, soft, np.float32(0))
@@ -174,23 +195,20 @@ def test_frames_are_linear_in_a_matte(number):
     own.matte = own.matte * (0.7 + 0.2 * smoothed(texture(1, 12)[0], 3.0)).astype(np.float32)
     found.place()
     sight, other = (Sight.of(each.stills, each, KNOWN) for each in (found, other))
+    assert len(found.stills.parts) > 8 * moves
     layers = [0.3 + 0.1 * smoothed(one, 1.0) for one in layers_like(sight, 11)]
     mixed = Mixed.of(found, Misfit.of(sight), layers, number)
-    sheet, left = other.sheets[number + 1], found.stills.light - other.frames(layers)
-    assert sheet.window == mixed.sheet.window
-    for k, (way, one) in enumerate(zip(sheet.ways, mixed.left(sheet.matte), strict=True)):
-        here = sheet.window.aside(way)
-        near = here.cut(found.cover[number][k]) > 0.01
-        assert np.sum(near) > 200
-        np.testing.assert_allclose(one[near], here.cut(left[k])[near], atol=4e-3)
-    along = np.random.default_rng(13).normal(size=sheet.size).astype(np.float32)
+    matte, left = other.sheets[number + 1].matte, found.stills.light - other.frames(layers)
+    near = found.cover[number] > 0.01
+    assert np.all(np.sum(near, axis=(1, 2)) > 200)
+    np.testing.assert_allclose((mixed.rest - mixed.frames(matte))[near], left[near], atol=4e-3)
+    along = np.random.default_rng(13).normal(size=matte.shape).astype(np.float32)
 
     def half(matte):
-        pairs = zip(mixed.weights, mixed.left(matte), strict=True)
-        return sum(np.sum(w.astype(float) * one**2) for w, one in pairs) / 2
+        return np.sum(mixed.weights * (mixed.rest - mixed.frames(matte)).astype(float) ** 2) / 2
 
-    rise = (half(sheet.matte + along) - half(sheet.matte - along)) / 2
-    slope = np.sum(mixed.slope(sheet.matte).astype(float) * along)
+    rise = (half(matte + along) - half(matte - along)) / 2
+    slope = np.sum(mixed.slope(matte).astype(float) * along)
     assert abs(rise) > 10
     assert slope == pytest.approx(rise, rel=1e-2)
 

@@ -178,6 +178,29 @@ def test_outlines_are_settled_by_light_that_is_freed_of_blur():
     assert after < 0.8 * before
 
 
+def test_velocities_are_told_by_frames_of_unlike_exposures():
+    """Within their errors, where the frames along a thing differ by its blur as well."""
+    exposures = np.array([0.02, 0.003, 0.02, 0.003])
+    frames = frames_of(ground(), TWO, TIMES, exposures, np.random.default_rng(4))
+    _, mattes = shown(ground(), TWO, 0.0)
+    own, off = stills(frames, exposures=exposures), np.array([9.0, -12.0])
+    things = []
+    for one, matte, sign in zip(TWO, mattes, (1, -1), strict=True):
+        velocity = np.array(one.velocity) + sign * off
+        things.append(Found(velocity, matte.astype(np.float32), velocity.copy(), 20.0))
+    found, known = (
+        Arrangement(own, things, [1, 0]),
+        knowledge_of(in_any_direction(), own, in_plane=True),
+    )
+    settle(found, known)
+    assert np.array_equal(found.things[0].velocity, found.things[0].first)
+    settle(found, known, are_told=False)
+    for one, thing in zip(TWO, found.things, strict=True):
+        apart = thing.velocity - np.array(one.velocity)
+        assert np.hypot(*apart) < 2
+        assert apart @ np.linalg.solve(thing.covariance, apart) < 3**2 * 2
+
+
 @pytest.mark.slow
 def test_things_that_move_nearly_alike_are_two_where_they_lie_apart():
     """Two whose velocities differ by 3 px over the frames, less than the first look tells."""

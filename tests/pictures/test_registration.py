@@ -346,6 +346,12 @@ def test_a_region_costs_least_along_its_velocity(smooth):
     np.testing.assert_allclose(grid, velocity)
     end = region.descended(velocity + np.array([0.3, 0.2]), 0.4, 0.02)
     np.testing.assert_allclose(end, velocity, atol=0.05)
+    # Of things that move across the columns alone, whatever would explain more.
+    alone = region._replace(limits=Limits(moves=(False, True)))
+    np.testing.assert_allclose(alone.best_of_grid(np.array([0.5, -1.25]), 1.0), [0.5, -1.5])
+    end = alone.descended(np.array([0.8, -1.3]), 0.4, 0.02)
+    assert end[0] == 0.8
+    assert alone.cost(end) <= min(alone.cost(end + np.array([0, by])) for by in (-0.04, 0.04))
     assert smooth.reach(2, [1, 3]) == 1.5
     assert smooth.variance == pytest.approx(1 / (4 * np.pi))
 

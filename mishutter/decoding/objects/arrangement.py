@@ -63,6 +63,10 @@ class Arrangement:
             clear = clear * (1 - self.cover[number])
         self.ground = clear  # Share of a pixel at which the background is seen
 
+    def seen_in(self, stills: Stills) -> "Arrangement":
+        """The same things in other frames."""
+        return Arrangement(stills, self.things, self.order)
+
     def seen(self, number: int) -> Float[np.ndarray, "frames rows columns"]:
         """Share of each pixel at which a thing is seen."""
         return self.front[number] * self.cover[number]

@@ -93,7 +93,5 @@ def _even(stills: Stills) -> Float[np.ndarray, "frames rows columns"]:
 def _velocities(stills: Stills, step: float) -> Float[np.ndarray, "n 2"]:
     """Velocities up to the fastest, a step apart."""
     count = int(stills.fastest / step) + 1
-    side = np.arange(-count, count + 1) * step
-    down, across = (side if moves else np.zeros(1) for moves in stills.moves)
-    grid = np.stack(np.meshgrid(down, across, indexing="ij"), axis=-1).reshape(-1, 2)
+    grid = Limits(moves=stills.moves).grid(np.arange(-count, count + 1) * step)
     return grid[np.hypot(*grid.T) <= stills.fastest + step]

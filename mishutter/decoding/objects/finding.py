@@ -47,20 +47,21 @@ def found_in(
     progress: Callable[[str, float], None] | None = None,
     known: Knowledge | None = None,
 ) -> Arrangement:
-    """The things of frames of about one exposure.
+    """The things of frames, which are looked for in those of about one exposure.
 
     Args:
         stills: The frames.
         told: What is known of the things: their velocities, or their outlines.
         progress: Called with a sentence and the share done.
-        known: The statistics of pictures, by which outlines are solved in the end.
+        known: The statistics of pictures, by which outlines are solved in the end, in all frames.
     """
     told = Told() if told is None else told
     report = (lambda text, share: None) if progress is None else progress
     report("looking for things that move", 0.0)
+    alike = stills.only(stills.alike)
     if told.labels is not None:
-        return _of_known_outlines(stills, told.labels, told.velocities)
-    arrangement, is_told = candidates(stills, told.velocities), told.velocities is not None
+        return _of_known_outlines(alike, told.labels, told.velocities).seen_in(stills)
+    arrangement, is_told = candidates(alike, told.velocities), told.velocities is not None
     for turn in range(_ROUNDS):
         report("velocities and outlines", 0.3 + 0.12 * turn)
         if not is_told:
@@ -76,11 +77,14 @@ def found_in(
         _sharpen(arrangement)
     if not is_told:
         _refine_velocities(arrangement)
-        for number in range(len(arrangement.things) - 1, -1, -1):
-            if _tells_nothing(arrangement.things[number]):
-                arrangement.drop(number)
-    if known is not None and arrangement.things:
-        report("outlines by the light of the layers", 0.95)
+    report("outlines by the light of the layers", 0.95)
+    arrangement = arrangement.seen_in(stills)
+    are_all = is_told or alike.count == stills.count
+    if known is not None and not are_all:
+        settle(arrangement, known, are_told=False)
+    if not is_told:
+        _drop_untold(arrangement)
+    if known is not None and are_all:
         settle(arrangement, known)
     return arrangement
 
@@ -116,6 +120,13 @@ def _drop_weakest(arrangement: Arrangement) -> None:
     ]
     if weak:
         arrangement.drop(min(weak, key=lambda number: things[number].evidence))
+
+
+def _drop_untold(arrangement: Arrangement) -> None:
+    """Leaves out the things of which frames tell nothing."""
+    for number in range(len(arrangement.things) - 1, -1, -1):
+        if _tells_nothing(arrangement.things[number]):
+            arrangement.drop(number)
 
 
 def _tells_nothing(thing: Thing) -> bool:

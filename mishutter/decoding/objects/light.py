@@ -18,14 +18,14 @@ $E(\rho) = \operatorname{mean}\,S/(1 + \rho S)$ of the density $\rho = \sum_k 1/
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Int
 
-from mishutter.camera.plane_frames import frequencies_on
+from mishutter.camera.responses import frequencies_on
 from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import mean_over_dft
@@ -132,30 +132,25 @@ class Sight:
             ]
         ).astype(np.float32)
         ground = _ground(stills, known)
-        clear = [np.ones(stills.shape, np.float32) for _ in stills.parts]
-        shares: list[list[np.ndarray]] = [[]]
         sheets = [ground]
         if arrangement is not None:
             sheets += [
                 _sheet(stills, thing.matte, thing.velocity, known) for thing in arrangement.things
             ]
-            shares += [[] for _ in arrangement.things]
-            for number in arrangement.order:
-                sheet = sheets[number + 1]
-                opacity = rfftn(sheet.matte)
-                for k, way in enumerate(sheet.ways):
-                    here = sheet.window.aside(way)
-                    shares[number + 1].append(here.cut(clear[k]))
-                    cover = np.clip(sheet.shown(opacity, k), 0, 1)
-                    less = np.ones_like(clear[k])
-                    here.add(less, -cover)
-                    clear[k] *= less
-        pairs = zip(ground.ways, clear, strict=True)
-        shares[0] = [ground.window.aside(way).cut(one) for way, one in pairs]
+        order = [] if arrangement is None else arrangement.order
+        shares = _shares(stills, sheets, order)
         pairs = zip(sheets, shares, strict=True)
         sheets = [_of_own_detail(sheet, seen, stills) for sheet, seen in pairs]
         means = [_mean(sheet, seen, stills) for sheet, seen in zip(sheets, shares, strict=True)]
         return Sight(stills, sheets, shares, inverse, means)
+
+    def along(
+        self, number: int, velocity: np.ndarray, order: list[int], known: Knowledge
+    ) -> "Sight":
+        """That where one of the things moves at another velocity, on the same canvas."""
+        sheets, own = self.sheets.copy(), self.sheets[number + 1]
+        sheets[number + 1] = _moving(self.stills, own.window, own.matte, velocity, known)
+        return replace(self, sheets=sheets, shares=_shares(self.stills, sheets, order))
 
     def frames(self, layers: Layers) -> np.ndarray:
         """Light of the frames that layers give, in which the mean level counts as they do."""
@@ -191,6 +186,27 @@ class Sight:
                 total += seen**2 * here
             found.append(total * sheet.matte**2)
         return found
+
+
+def _shares(stills: Stills, sheets: list[Sheet], order: list[int]) -> list[list[np.ndarray]]:
+    """Share of each sheet's pixels that each part of frames sees, of things in an order."""
+    clear = [np.ones(stills.shape, np.float32) for _ in stills.parts]
+    shares: list[list[np.ndarray]] = [[] for _ in sheets]
+    for number in order:
+        sheet = sheets[number + 1]
+        opacity = rfftn(sheet.matte)
+        for k, way in enumerate(sheet.ways):
+            here = sheet.window.aside(way)
+            shares[number + 1].append(here.cut(clear[k]))
+            cover = np.clip(sheet.shown(opacity, k), 0, 1)
+            less = np.ones_like(clear[k])
+            here.add(less, -cover)
+            clear[k] *= less
+    ground = sheets[0]
+    shares[0] = [
+        ground.window.aside(way).cut(one) for way, one in zip(ground.ways, clear, strict=True)
+    ]
+    return shares
 
 
 def in_frames(stills: Stills, shares: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -358,6 +374,11 @@ class Misfit:
             size = following
         return layers
 
+    def likeliest(self, target: Layers, share: float = 1.0) -> Layers:
+        """The layers of least misfit and a share of the prior of pictures, for a target."""
+        prior = Prior([share / sheet.power for sheet in self.sight.sheets], share)
+        return self.solved(target, [np.zeros_like(one) for one in target], prior)
+
 
 class Prior(NamedTuple):
     """A quadratic prior: through a response on the canvas, and a weight of each pixel beside it."""
@@ -413,9 +434,7 @@ def pulled(differences: Float[np.ndarray, "2 m n"]) -> np.ndarray:
 
 def light_of(misfit: Misfit, decoder: AbstractDecoder) -> Layers:
     """Light of the layers by a decoder, white = 1."""
-    means, sheets = misfit.sight.means, misfit.sight.sheets
-    prior = Prior([1 / sheet.power for sheet in sheets])
-    start = misfit.solved(misfit.data, [np.zeros_like(one) for one in misfit.data], prior)
+    means, start = misfit.sight.means, misfit.likeliest(misfit.data)
     if isinstance(decoder, TotalVariationDecoder):
         start = _by_total_variation(misfit, decoder, start)
     elif isinstance(decoder, PlugAndPlayDecoder):
@@ -425,10 +444,7 @@ def light_of(misfit: Misfit, decoder: AbstractDecoder) -> Layers:
 
 def explaining(misfit: Misfit) -> Layers:
     """Light by which the layers explain the frames as well as they may, noise included."""
-    sheets = misfit.sight.sheets
-    prior = Prior([_WEAK / sheet.power for sheet in sheets], _WEAK)
-    start = [np.zeros_like(one) for one in misfit.data]
-    found = zip(misfit.solved(misfit.data, start, prior), misfit.sight.means, strict=True)
+    found = zip(misfit.likeliest(misfit.data, _WEAK), misfit.sight.means, strict=True)
     return [one + np.float32(mean) for one, mean in found]
 
 

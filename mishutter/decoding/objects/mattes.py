@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from scipy import ndimage
 
 from mishutter.camera.rows import irfftn, rfftn
@@ -17,8 +18,13 @@ from mishutter.decoding.objects.arrangement import Arrangement
 from mishutter.decoding.objects.grids import Mask, from_outline, of_few_edges
 from mishutter.decoding.objects.light import Knowledge, Layers, Misfit, Sheet, Sight, light_of
 from mishutter.decoding.objects.outlines import sharp
+from mishutter.decoding.objects.stills import Stills
+from mishutter.decoding.objects.velocities import refine_by_layers
 
 _ROUNDS, _STEPS = 2, 40
+_MOST_ROUNDS, _STANDS = 6, 0.05
+"""Rounds in which velocities are refined, at most, and the way at the farthest frame by the last
+step of one at which they end; px."""
 _REACH = 3.0
 """Pixels about an outline whose cover is solved for."""
 _EDGE, _BIAS = 1.0, 0.1
@@ -29,113 +35,118 @@ _SAFE = 1.5
 """Curvature that is counted with, beside the greatest one near a pixel."""
 
 
-def settle(arrangement: Arrangement, known: Knowledge) -> None:
+def settle(arrangement: Arrangement, known: Knowledge, *, are_told: bool = True) -> None:
     """Solves all outlines by the light of the layers, and both again.
 
     Args:
-        arrangement: The things, in frames of a sensor at rest.
+        arrangement: The things, in frames of a sensor at rest or on its path.
         known: The statistics of pictures.
+        are_told: Whether velocities stay as they are, or are refined as well until they do.
     """
-    stills = arrangement.stills
-    for _ in range(_ROUNDS):
-        misfit = Misfit.of(Sight.of(stills, arrangement, known))
+    for _ in range(_ROUNDS if are_told else _MOST_ROUNDS):
+        misfit = Misfit.of(Sight.of(arrangement.stills, arrangement, known))
         layers = light_of(misfit, EnsembleDecoder())
-        longest, mattes = float(np.max(stills.exposures)), []
-        for number, thing in enumerate(arrangement.things):
-            blur = float(np.hypot(*thing.velocity)) * longest
-            mixed = Mixed.of(arrangement, misfit, layers, number)
-            mattes.append(_solved(mixed, blur, stills.shape))
+        mattes = [
+            _solved(Mixed.of(arrangement, misfit, layers, number), thing.velocity)
+            for number, thing in enumerate(arrangement.things)
+        ]
+        furthest = 0.0 if are_told else refine_by_layers(arrangement, known, misfit, layers)
         for thing, matte in zip(arrangement.things, mattes, strict=True):
             thing.matte = matte
         arrangement.place()
+        if not are_told and furthest < _STANDS:
+            break
 
 
 class Mixed(NamedTuple):
-    """Frames about a thing, on its canvas, as they mix its light with that of what is behind it."""
+    """Frames as they mix the light of a thing with that of what is behind it."""
 
+    stills: Stills
     sheet: Sheet
-    light: np.ndarray  # Of the thing
-    shares: list[np.ndarray]  # Of pixels that nothing before it hides, frame by frame
-    behind: list[np.ndarray]  # Light of what is behind it
-    frames: list[np.ndarray]  # Less the light of what is before it
-    weights: list[np.ndarray]  # One over the noise, and the errors that the light may have
+    light: np.ndarray  # Of the thing, on its canvas
+    # On the canvas in each part of the frames: pixels that nothing before it hides, and the light
+    # of what is behind it
+    shares: list[np.ndarray]
+    behind: list[np.ndarray]
+    rest: Float[np.ndarray, "frames rows columns"]  # Frames less what they mix
+    weights: Float[np.ndarray, "frames rows columns"]  # One over the noise and the light's errors
 
     @staticmethod
     def of(arrangement: Arrangement, misfit: Misfit, layers: Layers, number: int) -> "Mixed":
-        """Those about one of the things, by the light of all layers."""
+        """That of one of the things, by the light of all layers."""
         sight, stills = misfit.sight, arrangement.stills
-        sheet, light = sight.sheets[number + 1], layers[number + 1]
-        shares = sight.shares[number + 1]
-        left, rest = stills.light - sight.frames(layers), sight.sheets[0]
-        doubt = _SHARED * stills.count * misfit.errors[number + 1]
-        opacity, spectrum = rfftn(sheet.matte), sheet.spectrum(light)
-        behind, frames, weights = [], [], []
-        for k, way in enumerate(sheet.ways):
-            here = sheet.window.aside(way)
-            behind.append(here.cut(_behind(arrangement, sight, layers, number, k)))
-            own = sheet.shown(spectrum, k) + (1 - sheet.shown(opacity, k)) * behind[k]
-            frames.append(here.cut(left[k]) + shares[k] * own)
-            variance = 1 / sight.inverse[k]
-            rest.window.aside(rest.ways[k]).add(variance, misfit.errors[0])
-            reached = here.cut(np.ones_like(variance))
-            weights.append(reached / np.where(reached > 0, here.cut(variance) + doubt, 1))
-        return Mixed(sheet, light, shares, behind, frames, weights)
+        sheet, shares = sight.sheets[number + 1], sight.shares[number + 1]
+        doubts = misfit.errors[0], _SHARED * stills.count * misfit.errors[number + 1]
+        variance, behind = 1 / sight.inverse, []
+        for k, part in enumerate(stills.parts):
+            for one, doubt in zip((sight.sheets[0], sheet), doubts, strict=True):
+                here = one.window.aside(one.ways[k])
+                here.add(variance[part.frame], np.float32(part.share) * doubt)
+            light = _behind(arrangement, sight, layers, number, k)
+            behind.append(sheet.window.aside(sheet.ways[k]).cut(light))
+        left = stills.light - sight.frames(layers)
+        mixed = Mixed(stills, sheet, layers[number + 1], shares, behind, left, 1 / variance)
+        return mixed._replace(rest=left + mixed.frames(sheet.matte))
 
-    def left(self, matte: Mask) -> list[np.ndarray]:
-        """The light of frames less that which a matte gives."""
+    def frames(self, matte: Mask) -> Float[np.ndarray, "frames rows columns"]:
+        """The frames' light of the thing and of what is behind it, on the canvas, by a matte."""
         light, opacity = rfftn(matte * self.light), rfftn(matte)
-        each = zip(self.shares, self.behind, self.frames, strict=True)
-        return [
-            frame
-            - share * (self.sheet.shown(light, k) + (1 - self.sheet.shown(opacity, k)) * behind)
-            for k, (share, behind, frame) in enumerate(each)
-        ]
+        total = np.zeros(self.stills.light.shape, np.float32)
+        for k, part in enumerate(self.stills.parts):
+            shown = self.sheet.shown(light, k)
+            shown = shown + (1 - self.sheet.shown(opacity, k)) * self.behind[k]
+            here = self.sheet.window.aside(self.sheet.ways[k])
+            here.add(total[part.frame], np.float32(part.share) * self.shares[k] * shown)
+        return total
 
     def slope(self, matte: Mask) -> Mask:
-        """Slope of half of the weighted squares of these."""
+        """Slope of half of the weighted squares of what a matte leaves of the frames."""
         light = cover = np.zeros(1, np.complex64)
-        each = zip(self.left(matte), self.shares, self.behind, self.weights, strict=True)
-        for k, (left, share, behind, weight) in enumerate(each):
+        pulls = self.weights * (self.rest - self.frames(matte))
+        for k, part in enumerate(self.stills.parts):
+            here = self.sheet.window.aside(self.sheet.ways[k])
+            pull = np.float32(part.share) * self.shares[k] * here.cut(pulls[part.frame])
             response = np.conj(self.sheet.responses[k % len(self.sheet.responses)])
-            pull = share * weight * left
-            light, cover = light + response * rfftn(pull), cover + response * rfftn(pull * behind)
+            light = light + response * rfftn(pull)
+            cover = cover + response * rfftn(pull * self.behind[k])
         size = self.sheet.size
         return irfftn(cover, size) - self.light * irfftn(light, size)
 
+    def curvature(self, velocity: Float[np.ndarray, "2"]) -> Mask:
+        """The greatest curvature of these near each pixel, for a thing of some velocity."""
+        total, longest = np.zeros(self.sheet.size, np.float32), 0.0
+        for k, part in enumerate(self.stills.parts):
+            weight = self.sheet.window.aside(self.sheet.ways[k]).cut(self.weights[part.frame])
+            contrast = self.shares[k] * (self.light - self.behind[k])
+            total += np.float32(part.share) * weight * contrast**2
+            longest = max(longest, float(np.hypot(*part.blur(velocity))))
+        return ndimage.maximum_filter(total, 2 * math.ceil(longest / 2) + 3)
 
-def _solved(mixed: Mixed, blur: float, shape: tuple[int, int]) -> Mask:
-    """The matte of least misfit and few edges, near the one that a thing has.
 
-    Args:
-        mixed: The frames about it.
-        blur: Its way within an exposure; px.
-        shape: Rows and columns of a frame.
-    """
+def _solved(mixed: Mixed, velocity: Float[np.ndarray, "2"]) -> Mask:
+    """The matte of least misfit and few edges, near the one that a thing of a velocity has."""
     sheet = mixed.sheet
     near = (from_outline(sheet.matte > 0.5) <= _REACH).astype(np.float32)
-    each = zip(mixed.shares, mixed.behind, mixed.weights, strict=True)
-    curved = [weight * (share * (mixed.light - behind)) ** 2 for share, behind, weight in each]
-    most = ndimage.maximum_filter(np.sum(curved, axis=0), 2 * math.ceil(blur / 2) + 3)
-    step = (1 / (_SAFE * most + 4)).astype(np.float32)
+    step = (1 / (_SAFE * mixed.curvature(velocity) + 4)).astype(np.float32)
     costs = np.full(sheet.size, np.float32(_EDGE))
     slope = lambda matte: near * (mixed.slope(matte) + _BIAS)  # noqa: E731
     solved = of_few_edges(sheet.matte, slope, costs, step, _STEPS)
-    whole = np.zeros(shape, np.float32)
+    whole = np.zeros(mixed.stills.shape, np.float32)
     sheet.window.add(whole, sharp(np.where(near > 0, solved, sheet.matte)))
     return whole
 
 
 def _behind(
-    arrangement: Arrangement, sight: Sight, layers: Layers, number: int, frame: int
+    arrangement: Arrangement, sight: Sight, layers: Layers, number: int, part: int
 ) -> np.ndarray:
-    """A frame without a thing and those before it."""
+    """A part of a frame without a thing and those before it."""
     rest = sight.sheets[0]
     light = np.zeros(sight.stills.shape, np.float32)
-    rest.window.aside(rest.ways[frame]).add(light, rest.shown(rest.spectrum(layers[0]), frame))
+    rest.window.aside(rest.ways[part]).add(light, rest.shown(rest.spectrum(layers[0]), part))
     for other in arrangement.behind(number):
         sheet, own = sight.sheets[other + 1], layers[other + 1]
-        here, clear = sheet.window.aside(sheet.ways[frame]), np.ones_like(light)
-        here.add(clear, -np.clip(sheet.shown(rfftn(sheet.matte), frame), 0, 1))
+        here, clear = sheet.window.aside(sheet.ways[part]), np.ones_like(light)
+        here.add(clear, -np.clip(sheet.shown(rfftn(sheet.matte), part), 0, 1))
         light *= clear
-        here.add(light, sheet.shown(sheet.spectrum(own), frame))
+        here.add(light, sheet.shown(sheet.spectrum(own), part))
     return light

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from mishutter._core.checks import Unquoted, require
 from mishutter.camera.layers import Layer, Layers
-from mishutter.camera.plane_frames import aperture_on
+from mishutter.camera.responses import aperture_on
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import EnsembleDecoder
 from mishutter.decoding.decoders.plug_and_play import PlugAndPlayDecoder
@@ -138,13 +138,11 @@ def restored_objects(
     readout = Readout.of(rows)
     grey, alone = stills_of(planes, scene, frames, readout)
     told = _told(known, axis, readout, in_plane=in_plane, shape=grey.shape)
-    few = grey.only(grey.alike)
     if told.labels is None or told.velocities is None:
         words = "be of a sensor at rest twice, or `speed` and `outlines` be given, to find objects"
         require(int(grey.rests.sum()) > 1, subject, words, Unquoted(f"{grey.rests.sum()} at rest"))
-    known_of = knowledge_of(scene, few, in_plane=in_plane)
-    sought = found_in(few, told, lambda text, share: report(text, 0.6 * share), known_of)
-    found = Arrangement(grey, sought.things, sought.order)
+    known_of = knowledge_of(scene, grey, in_plane=in_plane)
+    found = found_in(grey, told, lambda text, share: report(text, 0.6 * share), known_of)
     light, composites = [], []
     for number, stills in enumerate(alone):
         report("light of the layers", 0.6 + 0.4 * number / len(alone))

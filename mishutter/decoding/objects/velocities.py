@@ -11,8 +11,16 @@ from scipy import ndimage
 
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.grids import from_outline
+from mishutter.decoding.objects.light import Knowledge, Layers, Misfit
 from mishutter.decoding.objects.outlines import Along, Lights, behind_in_frames, pure
-from mishutter.pictures.registration.refinement import Prior, Push, Told, push_of_light, refined
+from mishutter.pictures.registration.refinement import (
+    Prior,
+    Push,
+    Told,
+    in_blocks,
+    push_of_light,
+    refined,
+)
 from mishutter.pictures.registration.windows import filled, smoothed, splines
 
 _INNER = 3
@@ -21,6 +29,8 @@ _BAND = 3.0
 """Pixels to both sides of an outline at which the contrast with what is behind tells."""
 _EDGE = 1.5
 """Gaussian under which a cover is taken for one of known slope; px."""
+_ASIDE = 0.1
+"""Way of a thing, at the frame farthest from the picture, by which frames are differenced; px."""
 _SLOPE_NOISE = 1 / (8 * np.pi)
 """Variance of a slope by noise of unit variance, under a Gaussian of 1 px."""
 
@@ -43,6 +53,58 @@ def refine_velocity(arrangement: Arrangement, number: int, lights: Lights | None
     furthest = float(np.max(np.abs(stills.times)))
     found = refined(thing.velocity, told_at, prior, furthest)
     thing.velocity, thing.covariance = found
+
+
+def refine_by_layers(
+    arrangement: Arrangement, known: Knowledge, misfit: Misfit, layers: Layers
+) -> float:
+    r"""Moves velocities to where the layers explain frames best, however each is blurred.
+
+    Of the slope of the frames by a velocity, what a change of the light explains tells nothing.
+
+    Args:
+        arrangement: The things.
+        known: The statistics of pictures.
+        misfit: The misfit of the layers.
+        layers: Their light.
+
+    Returns:
+        The longest way of a step, at the frame farthest from the picture; px.
+    """
+    sight, stills, steps = misfit.sight, arrangement.stills, [0.0]
+    late, free = float(np.max(np.abs(stills.times))), np.flatnonzero(stills.moves)
+    among, left = np.ix_(free, free), stills.light - sight.frames(layers)
+    for number, thing in enumerate(arrangement.things):
+        sheet = sight.sheets[number + 1]
+        slopes, forces, information = (
+            np.zeros((2, *left.shape)),
+            np.zeros((2, *sheet.size)),
+            np.eye(2),
+        )
+        for axis in free:
+            aside = _ASIDE / late * np.eye(2)[axis]
+            after, before = (
+                sight.along(number, thing.velocity + by, arrangement.order, known).frames(layers)
+                for by in (aside, -aside)
+            )
+            slopes[axis] = (after - before) * (late / (2 * _ASIDE))
+        for axis in free:
+            explained = misfit.likeliest(sight.layers(sight.inverse * slopes[axis]))
+            own = sight.inverse * (slopes[axis] - sight.frames(explained))
+            information[axis] = np.sum(own * slopes, axis=(1, 2, 3))
+            for way, force in zip(sheet.until, own * left, strict=True):
+                forces[axis] += sheet.window.aside(way).cut(force)
+        push = np.sum(sight.inverse * left * slopes, axis=(1, 2, 3))
+        certain = np.eye(2) / thing.uncertainty**2
+        push += certain @ (thing.first - thing.velocity)
+        inverse = np.linalg.inv((information + certain)[among])
+        each = in_blocks(forces)
+        thing.covariance[among] = inverse @ (each @ each.T + certain)[among] @ inverse
+        step = inverse @ push[free]
+        length = late * float(np.linalg.norm(step))
+        thing.velocity[free] += step / max(length, 1.0)
+        steps.append(length)
+    return max(steps)
 
 
 def told_of(arrangement: Arrangement, number: int, lights: Lights | None) -> Told:

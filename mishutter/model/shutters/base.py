@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import comb
-from typing import ClassVar, TypeVar, final
+from typing import Any, ClassVar, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ from mishutter._core.checks import (
     as_float,
     common_dtype,
     device_constant,
+    namespace_of,
     require,
     require_finite,
     shape_of,
@@ -453,9 +454,9 @@ def above_zero(length: Length) -> Length:
     return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
-def polynomial(coefficients: Sequence[ArrayLike] | Array, x: Array | np.ndarray) -> Array:
+def polynomial(coefficients: Sequence[ArrayLike] | Numbers, x: Any) -> Any:
     """A polynomial by its coefficients, the highest first."""
-    total = jnp.asarray(coefficients[0], x.dtype)
+    total = namespace_of(x).asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:
         total = total * x + coefficient
     return total

@@ -51,7 +51,7 @@ class Told(NamedTuple):
             gain = (turn * share) @ turn.T
             information += (turn * (share**2 * values)) @ turn.T
             push += gain @ np.sum(part.forces, axis=(1, 2))
-            each = _in_blocks(part.forces)
+            each = in_blocks(part.forces)
             scatter += gain @ np.maximum(each @ each.T, 0) @ gain
         return Told(information, push, scatter)
 
@@ -132,7 +132,7 @@ def refined(
     return velocity, covariance
 
 
-def _in_blocks(forces: Float[np.ndarray, "2 rows columns"]) -> Float[np.ndarray, "2 blocks"]:
+def in_blocks(forces: Float[np.ndarray, "2 rows columns"]) -> Float[np.ndarray, "2 blocks"]:
     """Sums of forces over the blocks of a thing."""
     for axis in (1, 2):
         starts = np.arange(0, forces.shape[axis], _BLOCK)

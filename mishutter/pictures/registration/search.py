@@ -62,7 +62,7 @@ def searched(
         limits: Velocities that are looked for.
     """
     fine, count = smooth[0], len(frames)
-    search, sweeps = Search.of(smooth, reference, 1, least_area), []
+    search, sweeps = Search.of(smooth, reference, 1, least_area, limits), []
     # What is slow is swept over as long a time as there is.
     for stride in sorted({1, max(1, (count - 1) // (WINDOW - 1))}):
         numbers = _window(count, reference, stride)
@@ -78,7 +78,7 @@ def searched(
     # What seems to rest there may differ between frames that are farther apart.
     stride = (count - 1) // (2 * AROUND)
     if stride > 1:
-        slow = Search.of(smooth, reference, stride, least_area)
+        slow = Search.of(smooth, reference, stride, least_area, limits)
         slow.about_found(2 * sweeps[-1].step, labels == 0)
         own = np.argmin(slow.costs, axis=0)
         labels = np.where((labels == 0) & (own > 0), len(velocities) - 1 + own, labels)
@@ -110,17 +110,22 @@ class Search(NamedTuple):
     reference: int
     around: Sequence[int]  # Frames by which pixels are labelled
     least_area: int  # Pixels of the least thing
+    limits: Limits  # Velocities that are looked for
     velocities: list[np.ndarray]  # Those that were found, rest first
     costs: list[np.ndarray]  # Residual of each pixel along each
 
     @staticmethod
     def of(
-        smooth: tuple[Smoothed, Smoothed], reference: int, stride: int, least_area: int
+        smooth: tuple[Smoothed, Smoothed],
+        reference: int,
+        stride: int,
+        least_area: int,
+        limits: Limits = ANY,
     ) -> "Search":
         """A search that begins with rest, by frames about one that are so many apart."""
         fine, rough = smooth
         near = around(len(fine.times), reference, stride)
-        search = Search(fine, rough, reference, near, least_area, [], [])
+        search = Search(fine, rough, reference, near, least_area, limits, [], [])
         search.add(np.zeros(2), _costs(fine, np.zeros(2), reference, near))
         return search
 
@@ -179,8 +184,8 @@ class Search(NamedTuple):
 
         It is one near those that explain pixels of the part best so far.
         """
-        window, places = Window.around(part, 0), np.linspace(-0.5, 0.5, _PLACES) * width
-        steps = [np.array([y, x]) for y in places for x in places]
+        window = Window.around(part, 0)
+        steps = self.limits.grid(np.linspace(-0.5, 0.5, _PLACES) * width)
         near = np.unique(np.argmin(self.costs, axis=0)[part])
         grid = [self.velocities[n] + step for n in near.tolist() for step in steps]
 
@@ -198,7 +203,7 @@ class Search(NamedTuple):
 
     def refined(self, velocity: np.ndarray, width: float, mask: np.ndarray) -> np.ndarray:
         """The best velocity of a part of the picture, within a width about one."""
-        region = Region(self.rough, self.reference, self.around, mask)
+        region = Region(self.rough, self.reference, self.around, mask, self.limits)
         velocity = region.best_of_grid(velocity, width)
         velocity = region.descended(velocity, 0.25 * width, 0.2 / self.reach)
         fine = region._replace(frames=self.fine)
@@ -210,7 +215,7 @@ class Search(NamedTuple):
         if won.sum() < self.least_area:
             return False
         # Between the velocities of two things it explains one of them better.
-        region = Region(self.fine, self.reference, self.around, won)
+        region = Region(self.fine, self.reference, self.around, won, self.limits)
         velocity = region.descended(velocity, 0.4 / self.reach, 0.05 / self.reach)
         cost, won = self.won(velocity)
         apart = min(np.hypot(*(velocity - other)) for other in self.velocities) * self.reach

@@ -38,6 +38,11 @@ class Limits(NamedTuple):
     fastest: float = np.inf  # Greatest speed
     moves: tuple[bool, bool] = (True, True)  # Whether things move down the columns, and across them
 
+    def grid(self, side: Float[np.ndarray, "n"]) -> Float[np.ndarray, "m 2"]:
+        """Velocities with some components, along the axes on which things move."""
+        down, across = (side if moves else np.zeros(1) for moves in self.moves)
+        return np.stack(np.meshgrid(down, across, indexing="ij"), axis=-1).reshape(-1, 2)
+
 
 ANY = Limits()
 
@@ -117,8 +122,8 @@ def swept(
     # Over the frames, a step is 4.8 px, and nothing moves by more than a part of the shorter side.
     step, most = 4.8 / span, min(0.375 * min(rows, columns) / span, limits.fastest)
     side = np.arange(-int(most / step) - 1, int(most / step) + 2) * step
-    down, across = (side if moves else np.zeros(1) for moves in limits.moves)
-    grid = np.array([(y, x) for y in down for x in across if np.hypot(y, x) <= most + step])
+    grid = limits.grid(side)
+    grid = grid[np.hypot(*grid.T) <= most + step]
     # Squares are averaged to unit noise four times, from places half a square apart.
     down, across = rows // _COARSE - 1, columns // _COARSE - 1
     parts = np.empty((2, 2, count, down, across), np.float32)
@@ -176,6 +181,7 @@ class Region(NamedTuple):
     reference: int  # Number of the frame in which the part lies
     numbers: Sequence[int]  # Numbers of the frames
     mask: Bool[np.ndarray, "rows columns"]  # The part; shape of a frame
+    limits: Limits = ANY  # Velocities that it may have
 
     def cost(self, velocity: np.ndarray) -> float:
         """Robust cost of a velocity: residuals beyond noise count by their logarithm."""
@@ -191,19 +197,19 @@ class Region(NamedTuple):
         return float(np.log1p(squares).sum() / (count - 1)[count > 1].sum())
 
     def best_of_grid(self, velocity: np.ndarray, width: float) -> np.ndarray:
-        """The best of 5 x 5 velocities about one."""
-        places = np.linspace(-0.5, 0.5, 5) * width
-        tried = [velocity + np.array([y, x]) for y in places for x in places]
+        """The best of some velocities about one, 5 along each axis."""
+        tried = velocity + self.limits.grid(np.linspace(-0.5, 0.5, 5) * width)
         return tried[int(np.argmin([self.cost(v) for v in tried]))]
 
     def descended(self, velocity: np.ndarray, first: float, last: float) -> np.ndarray:
-        """The end of a search along both axes in steps that are halved where none is better."""
+        """The end of a search along the axes in steps that are halved where none is better."""
         best, step = self.cost(velocity), first
+        axes = np.eye(2)[list(self.limits.moves)]
         for _ in range(24):
             if step < last:
                 break
-            for move in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-                other = velocity + step * np.array(move)
+            for move in np.repeat(axes, 2, axis=0) * np.resize([1, -1], (2 * len(axes), 1)):
+                other = velocity + step * move
                 cost = self.cost(other)
                 if cost < best:
                     velocity, best = other, cost
