@@ -20,6 +20,7 @@ from mishutter._core.checks import (
     shape_of,
 )
 from mishutter.blur.waves import waves_on_dft
+from mishutter.camera.responses import aperture_on
 from mishutter.camera.rows import PAD_MODES, blur_length, continued, period_of
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import Optics
@@ -193,8 +194,7 @@ def expose_frames(
     require(is_complete, subject, f"be the {num_frames} that came", frames.num_frames)
     if total is None or shape is None:
         return np.zeros((0, 0, 1))
-    aperture = np.sinc(np.arange(total.shape[-1]) / period) * optics.response(period)
-    irradiance = np.fft.irfft(total * aperture, period)[..., : shape[1]]
+    irradiance = np.fft.irfft(total * aperture_on(optics, (period,)), period)[..., : shape[1]]
     return np.ascontiguousarray(np.moveaxis(irradiance, 2, 1)).astype(dtype)
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from mishutter.camera.plane_frames import aperture_on
+from mishutter.camera.responses import aperture_on, frequencies_along, waves_of
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.base import density_of, power_at
 from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
@@ -30,7 +30,6 @@ from mishutter.decoding.likeliest import (
     Volume,
     detail_of,
     fit_of,
-    frequencies_along,
     likeliest,
     volume_of,
 )
@@ -41,7 +40,6 @@ from mishutter.decoding.rolling import (
     RowsInTurn,
     RowTimes,
     binned_along,
-    waves_of,
 )
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
@@ -214,18 +212,13 @@ class Own(NamedTuple):
         rows = None if paths is None else RowsInTurn(paths, canvas, velocities, share)
         # Rows are looked at at all frequencies, pictures at few.
         grid = shape if num_axes == 1 else (min(GRID, shape[0]), min(GRID, shape[1]))
-        coarse = self.prior.on(grid, size), self._aperture(grid, size)
-        aperture = self._aperture(shape, size)
+        optics = self.prior.scene.optics
+        coarse = self.prior.on(grid, size), aperture_on(optics, grid, size)
+        aperture = aperture_on(optics, shape, size)
         # A wave of the highest frequency has no place.
         for axis, count in enumerate(shape):
             np.moveaxis(aperture, axis, 0)[count // 2] = 0.0
         return Level(canvas, instants, aperture.astype(binned.dtype), coarse, rows)
-
-    def _aperture(self, shape: tuple[int, ...], size: int) -> Float[np.ndarray, "*k"]:
-        """Response of a pixel of some size behind the lens."""
-        rows, columns = (1, *shape)[-2:]
-        whole = aperture_on(self.prior.scene.optics, (rows, columns), size)
-        return whole if len(shape) == 2 else whole[0]
 
     def of_rows(self, some: Int[np.ndarray, "r"]) -> "Own":
         """The same of some of the rows."""
@@ -237,7 +230,7 @@ class Own(NamedTuple):
         shape = self.frames.shape[-num_axes:]
         grid = (GRID, GRID) if num_axes == 2 else (fast_length(shape[0]),)
         instants = Instants.of(self.taken, float(np.max(np.linalg.norm(velocities, axis=1))))
-        each = waves_of(instants, velocities, grid) * self._aperture(grid, 1)
+        each = waves_of(instants, velocities, grid) * aperture_on(self.prior.scene.optics, grid)
         expected = np.mean(density_of(each, self.noises), axis=0) * self.prior.on(grid)
         lowest = max(2 / min(shape), 1 / GRID if num_axes == 2 else 0.0)
         frames = self.frames - np.mean(self.frames, axis=(1, 2), keepdims=True)

@@ -33,6 +33,7 @@ import scipy.linalg
 from jaxtyping import Complex, Float, Int
 
 from mishutter._core.checks import RowLike, require
+from mishutter.camera.responses import frequencies_along
 from mishutter.camera.rows import counted_in, irfftn, rfftn
 from mishutter.decoding.decoders.base import density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
@@ -587,10 +588,3 @@ def _mean_between(power: np.ndarray, shape: tuple[int, ...], low: float, high: f
     radius = reduce(np.hypot, frequencies_along(shape))
     inside = (radius >= low) & (radius <= high)
     return float(np.sum(power[inside]) / max(np.sum(inside), 1))
-
-
-def frequencies_along(shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-    """Frequencies along the rows, then down the columns, of half of a DFT; cycles/px."""
-    *down, across = shape
-    each = [*(np.fft.fftfreq(count) for count in down), np.fft.rfftfreq(across)]
-    return tuple(np.meshgrid(*each, indexing="ij", sparse=True)[::-1])

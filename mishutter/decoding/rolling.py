@@ -22,12 +22,11 @@ import jax
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Int
-from numpy.typing import DTypeLike
 
-from mishutter.blur.waves import waves_in_plane, waves_on_dft
-from mishutter.camera.plane_frames import frequencies_on
+from mishutter.blur.waves import waves_on_dft
+from mishutter.camera.responses import frequencies_along, waves_of
 from mishutter.camera.rows import counted_in, fast_length, irfftn, pixels_through, rfftn
-from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, frequencies_along
+from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
 from mishutter.evaluation.instants import Instants
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import FramePath
@@ -42,23 +41,6 @@ SHARE, ROUGH_SHARE = 0.003, 4.0
 """Shares of the noise that a sum over few delays may leave, in pictures and in a search."""
 Waves = Callable[[Instants, Float[np.ndarray, "s axes"]], Complex[np.ndarray, "n s *k"]]
 """The responses of exposures at some velocities."""
-
-
-def waves_of(
-    instants: Instants,
-    velocities: Float[np.ndarray, "s axes"],
-    shape: tuple[int, ...],
-    dtype: DTypeLike = np.float64,
-) -> Complex[np.ndarray, "n s *k"]:
-    """Responses of open pixels at some velocities, displacements included, on the grid of a DFT."""
-    time, weight = instants.time[:, None], instants.weight[:, None]
-    displaced = instants.place[:, :, None] - velocities.T[:, None, :, None] * time
-    displaced = displaced.astype(dtype)
-    if len(shape) == 1:
-        each = zip(displaced[0], weight, strict=True)
-        return np.stack([waves_on_dft(x, w, *shape, shape[0] // 2 + 1) for x, w in each])
-    each = zip(np.moveaxis(displaced, 1, 0), weight, strict=True)
-    return np.stack([waves_in_plane(x, w, frequencies_on(shape)) for x, w in each])
 
 
 class RowTimes(NamedTuple):

@@ -321,8 +321,10 @@ class Exposures:
         Args:
             limits: Those of the stage.
         """
-        use = self.use_within(limits)
-        acceleration = self._driven.acceleration(self._of_stage(limits))
+        use, path = self.use_within(limits), self._driven
+        # In the plane a velocity that jumps takes an infinite one.
+        in_plane = isinstance(path, FramePath)
+        acceleration = path.acceleration(self._of_stage(limits)) if in_plane else use.acceleration
         pairs = (
             (use.stroke, limits.max_stroke),
             # What the camera turns by is no longer the stage's.

@@ -480,10 +480,6 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
         paths = self.stage_paths(limits)
         return paths[0].use if paths else self._at_once.use
 
-    def acceleration(self, limits: Limits) -> float:
-        """Greatest acceleration of the whole path, run-up and run-out included; px/s^2."""
-        return float(self.use(limits).acceleration)
-
     def stage_paths(self, limits: Limits) -> list[StagePath]:
         r"""The whole path of the stage: rest, run-up, frames, run-out, rest.
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mishutter import PlaneFrames, Scene, Sensor, StillCamera, TimedFrame
+from mishutter.camera.responses import frequencies_along
 from mishutter.decoding import frame_velocity
 from mishutter.decoding.frame_doubts import Evidence, Rival, Words, doubt_of_rows, odd_frame
 from mishutter.decoding.frame_likelihood import ROUGHLY, Own, Prior, climbed
@@ -22,7 +23,7 @@ from mishutter.decoding.frame_velocity import (
     _values,
     _velocities_to_try,
 )
-from mishutter.decoding.likeliest import Detail, Fit, _in_tiles, frequencies_along
+from mishutter.decoding.likeliest import Detail, Fit, _in_tiles
 from mishutter.decoding.rolling import GLOBAL, _few_delays, binned_along
 
 WORDS = Words("velocity", "many reasons", "of the picture fits better", "Beyond.")
