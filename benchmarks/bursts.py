@@ -30,7 +30,7 @@ from benchmarks.burst_levels import (
 )
 from benchmarks.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
 from mishutter import BurstMode, FreeMotion, Limits, Scene, TimedFrame
-from mishutter.evaluation.bursts import StillBursts
+from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.needs import Plan, sizes
 from mishutter.evaluation.sequences import loss_of_width, registration
 
@@ -124,9 +124,9 @@ def scene_of(
 def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any]:
     """The best bursts of a camera that takes so many frames within a window."""
     rate = count / window
-    scene = scene_of(light, noise, BurstMode(frames_per_s=rate, max_frames=count, window=window))
-    stills = StillBursts(scene)
-    still = stills.best(rate, max_frames=count)
+    burst = BurstMode(frames_per_s=rate, max_frames=count, window=window)
+    scene = scene_of(light, noise, burst)
+    still = StillBursts(scene).best_within(FrameTimes.of(scene, burst))
     kinds = {
         "alternating parabolas": partial(alternating, count, window / count),
         "one slow parabola": partial(one_parabola, count, window / count),
@@ -146,19 +146,21 @@ def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any
         "duty": unlimited_exposure(scene, count) * rate,
         # Of a camera that takes as many frames as it likes.
         "equal frames/s": rate_that_equals(
-            StillBursts(scene_of(light, noise), window=window), found[kind]["moving dB"]
+            scene_of(light, noise), window, found[kind]["moving dB"]
         ),
     }
 
 
-def rate_that_equals(stills: StillBursts, psnr: float) -> float | None:
-    """The least frame rate at which frames at rest have a level, or None below 10,000 1/s.
+def rate_that_equals(scene: Scene, window: float, psnr: float) -> float | None:
+    """The least frame rate at which stills have a level within a window, or None below 10,000 1/s.
 
     There is none either where one long exposure has the level.
     """
+    stills = StillBursts(scene)
 
     def above(rate: float) -> float:
-        return stills.best(rate).psnr - psnr
+        times = FrameTimes.of(scene, BurstMode(frames_per_s=rate))._replace(window=window)
+        return stills.best_within(times).psnr - psnr
 
     least, most = 1.0, 1e4
     if above(least) >= 0 or above(most) < 0:

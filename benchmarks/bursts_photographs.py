@@ -21,7 +21,7 @@ from jaxtyping import ArrayLike
 import mishutter as ms
 from benchmarks import harness
 from benchmarks.photographs import PHOTOGRAPHS
-from mishutter.camera.sequences import furthest, responses_of_frames
+from mishutter.camera.responses import aperture_on, waves_of
 from mishutter.decoding.decoders.base import blur_model, density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.evaluation.bursts import best_still_burst
@@ -113,9 +113,10 @@ def promised(scene: ms.Scene, frames: tuple, speed: float) -> tuple[float, float
     of which the pixels on the sensor have the mean variance.
     """
     nodes = Instants.of(frames, abs(speed))
-    margin = int(np.ceil(furthest(nodes, [speed]))) + MARGIN
+    velocity = np.array([[speed]])
+    margin = int(np.ceil(nodes.reach(velocity)[0])) + MARGIN
     length = 2 * (WIDTH // 2 + margin)
-    responses = responses_of_frames(nodes, [speed], scene.optics, length)[0]
+    responses = waves_of(nodes, velocity, (length,))[:, 0] * aperture_on(scene.optics, (length,))
     model = blur_model(scene, frames[0].motion, ms.RectShutter())
     power = model.picture_spectrum(length)
     electrons = np.array([float(white_electrons(scene.photon_rate, f.exposure)) for f in frames])

@@ -20,8 +20,8 @@ from jaxtyping import Float
 from benchmarks import harness
 from mishutter import BurstMode, Exposures, Limits, Scene
 from mishutter.evaluation.bursts import FrameTimes
-from mishutter.search.frame_levels import Frames, Levels
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Levels, Shape
+from mishutter.search.frame_limits import Room
 from mishutter.search.frame_search import Descent, End, best_of, shaken
 from mishutter.search.moving_frames import best_moving_burst, levels_of, sequence_of
 
@@ -125,8 +125,7 @@ def long_search(scene: Scene, count: int, seed: int) -> tuple[float, int]:
         top = best_of(found)
         if top is None:
             break
-        number, ends, _ = top.frames.velocity.shape
-        descent = Descent(Levels.on_axis(scene), room, Shape(number, ends - 1, 1))
+        descent = Descent(Levels.on_axis(scene), room, top.frames.shape)
         share, longer = draw.choice([0.02, 0.1, 0.4], 2)
         found.append(descent.free(shaken(top.frames, draw, room, share, longer)))
     told = [levels_of(scene, sequence_of(x.frames, x.kind).along)[0] for x in found if x]

@@ -20,8 +20,7 @@ from mishutter._core.checks import (
     Unquoted,
     all_concrete,
     require,
-    require_finite,
-    require_scalar,
+    require_number,
     shape_of,
 )
 from mishutter.camera.capture import (
@@ -260,8 +259,7 @@ class Blur(torch.nn.Module):
         torch.nn.Module.__init__(self)
         require_scene(scene)
         require_border("Blur(border=...)", border)
-        require_scalar("Blur(speed=...)", speed)
-        require_finite("Blur(speed=...)", speed)
+        require_number("Blur(speed=...)", speed)
         self._speed, self._border, self._motion = float(speed), border, motion
         self._num_taps, _ = kernel_layout(motion, self._speed, subject="Blur(speed=...)")
         self._shutter, self._scene = scene.light(shutter, motion), scene
@@ -323,8 +321,7 @@ def blurred(
     told = speed if isinstance(speed, Tensor) else torch.tensor(speed, dtype=torch.float64)
     _require_floating("blurred(numbers=...)", numbers)
     (number,) = _numbers_of("blurred(speed=...)", [told])
-    require_scalar("blurred(speed=...)", number)
-    require_finite("blurred(speed=...)", number)
+    require_number("blurred(speed=...)", number)
     motion, _ = camera(*_numbers_of("blurred(numbers=...)", numbers) if numbers else ())
     require(isinstance(motion, AbstractMotion), "blurred(camera=...)", "return a motion", motion)
     layout = _Layout.of(motion, float(number), rows.shape[-1], border)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from support.run_time_types import MOST_CALLS
 
 from mishutter import HannShutter, Limits, ParabolicMotion, blur_kernel
-from mishutter.decoding.likeliest import frequencies_along
+from mishutter.camera.responses import frequencies_along
 
 MOTION = ParabolicMotion(acceleration=1.3e5, half_exposure=0.0117)
 

@@ -65,15 +65,16 @@ def as_array_like(value: object, parameter: Any) -> Any:
     return np.asarray(parameter) if is_numpy else parameter
 
 
-def common_dtype(*values: RowLike) -> np.dtype:
-    """Floating dtype of JAX that the arrays among `values` share; its default without any.
+def common_dtype(*values: PyTree) -> np.dtype:
+    """Floating dtype of JAX that the arrays in some trees share; its default without any.
 
     Python numbers adapt to the arrays beside them, and a mix of precisions widens, also under
     strict promotion. Half precision counts as single, because no integral of this package is
     accurate in it, and extended precision as double. The order of bytes, which differs in FITS
     files, does not matter.
     """
-    dtypes = [np.dtype(v.dtype) for v in values if isinstance(v, np.ndarray | np.generic | Array)]
+    kinds = np.ndarray | np.generic | Array
+    dtypes = [np.dtype(x.dtype) for x in jax.tree.leaves(values) if isinstance(x, kinds)]
     floating = [d for d in dtypes if jnp.issubdtype(d, jnp.floating)]
     if not floating:
         return np.dtype(jnp.result_type(float))
@@ -156,12 +157,20 @@ def require_finite(subject: str, value: RowLike) -> None:
         require(bool(np.all(finite)), subject, "be finite", got)
 
 
-def require_at_least(subject: str, value: ArrayLike, bound: str, *, strict: bool = False) -> None:
-    """Refuses numbers below 0, and 0 itself if `strict`; `bound` is the requirement in words."""
+def require_at_least(
+    subject: str,
+    value: ArrayLike,
+    bound: str,  # The requirement in words
+    *,
+    strict: bool = False,
+    most: float = math.inf,
+) -> None:
+    """Refuses numbers below 0, 0 itself if `strict`, and numbers above the greatest."""
     require_finite(subject, value)
     if is_concrete(value):
         array = np.asarray(value)
-        require(bool(np.all(array > 0 if strict else array >= 0)), subject, f"be {bound}", value)
+        is_within = (array > 0 if strict else array >= 0) & (array <= most)
+        require(bool(np.all(is_within)), subject, f"be {bound}", value)
 
 
 def require_scalar(subject: str, value: ArrayLike) -> None:
@@ -171,10 +180,20 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
     require(np.ndim(value) == 0, subject, "be a scalar", shape_of(value))
 
 
-def require_number(subject: str, value: ArrayLike, bound: str, *, strict: bool = False) -> None:
-    """Refuses anything but a scalar that is at least 0, or above it, as `require_at_least`."""
+def require_number(
+    subject: str,
+    value: ArrayLike,
+    bound: str | None = None,
+    *,
+    strict: bool = False,
+    most: float = math.inf,
+) -> None:
+    """Refuses anything but a finite scalar, within the bounds of `require_at_least` if any."""
     require_scalar(subject, value)
-    require_at_least(subject, value, bound, strict=strict)
+    if bound is None:
+        require_finite(subject, value)
+    else:
+        require_at_least(subject, value, bound, strict=strict, most=most)
 
 
 def require_key(subject: str, value: object) -> None:

@@ -8,9 +8,6 @@ import numpy as np
 
 from mishutter._core.checks import Unquoted, require
 
-Units = Mapping[str, float]
-"""Allowed units of a column, each with its factor to SI units or pixels."""
-
 
 def table_text(columns: Mapping[tuple[str, str], Iterable[object]]) -> str:
     """Columns, by their names and units, as text; numbers have nine digits."""
@@ -65,34 +62,3 @@ def number_rows(lines: Sequence[str], count: int, name: str) -> np.ndarray:
     got = Unquoted(lines[int(np.argmin(is_finite))])
     require(bool(is_finite.all()), name, "hold finite numbers", got)
     return numbers
-
-
-def unit_columns(
-    lines: Sequence[str],
-    name: str,
-    possible: Mapping[str, Units],
-    required: Sequence[str],
-) -> dict[str, np.ndarray]:
-    """Columns by their names, in SI units or pixels."""
-    names = cells(lines[0])
-    for column in names:
-        require(column in possible, name, f"have columns of {', '.join(possible)}", column)
-        require(names.count(column) == 1, name, "have each column once", column)
-    for column in required:
-        requirement = f"have a column of the name {column}"
-        require(column in names, name, requirement, Unquoted(lines[0]))
-    require(len(lines) > 1, name, "have a line of units below its names", Unquoted("one line"))
-    units, factors = cells(lines[1]), []
-    got = Unquoted(f"{len(units)} units of {len(names)} columns")
-    require(len(units) == len(names), name, "have a unit for each column in its second line", got)
-    for column, unit in zip(names, units, strict=True):
-        allowed = possible[column]
-        requirement = f"have `{column}` in {' or '.join(allowed)} by its second line"
-        require(unit in allowed, name, requirement, unit)
-        factors.append(allowed[unit])
-    numbers = number_rows(lines[2:], len(names), name)
-    # A factor below 1 is one over a whole number, which is exact where the factor is not: 1e-3.
-    return {
-        column: numbers[:, k] / round(1 / factor) if factor < 1 else numbers[:, k] * factor
-        for k, (column, factor) in enumerate(zip(names, factors, strict=True))
-    }

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from mishutter.model.alignment import PathPieces
+from mishutter.model.alignment import PathPieces, safe_sqrt
 
 _NEAR = 2
 """Ratio of a piece's velocity to its gain of velocity up to which its vertex counts as near."""
@@ -70,10 +70,3 @@ def branch_times(
 def _held(value: Array, low: Array, high: Array) -> Array:
     """A value held between two others, which carries NaN and has no derivative where it is held."""
     return jnp.where(value < low, low, jnp.where(value > high, high, value))
-
-
-def safe_sqrt(square: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Square root; 0 for negative numbers, and with a derivative of 0 at 0."""
-    is_zero = square <= 0
-    # Without the inner `where` the infinite slope at 0, times the 0 of the outer one, would be NaN.
-    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, square)))

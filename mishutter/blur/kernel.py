@@ -10,7 +10,6 @@ derivatives are those of the formulae. `docs/derivation.md` draws the geometry.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
@@ -21,8 +20,8 @@ from mishutter._core.checks import (
     is_concrete,
     require,
     require_finite,
+    require_number,
     require_positive_int,
-    require_scalar,
     shape_of,
 )
 from mishutter.blur.crossings import branch_times
@@ -96,8 +95,7 @@ def blur_kernel(
     num_taps = require_positive_int(subject, num_taps)
     require(num_taps <= _MOST_TAPS, subject, f"be at most {_MOST_TAPS}", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):
-        require_scalar(f"blur_kernel({name}=...)", value)
-        require_finite(f"blur_kernel({name}=...)", value)
+        require_number(f"blur_kernel({name}=...)", value)
     return aligned_kernel(
         shutter,
         motion,
@@ -123,7 +121,7 @@ def aligned_kernel(
 
     With `any_vertex` it begins at the vertex of a parabola, which may lie beyond the exposure.
     """
-    dtype = _dtype(shutter, motion, speed, phase)
+    dtype = common_dtype(shutter, motion, speed, phase)
     edges = jnp.arange(num_taps + 1, dtype=dtype) + jnp.asarray(phase, dtype)
     numbers = jnp.asarray(speed, dtype), edges, jnp.asarray(from_lowest)
     return _exposure(piecewise(shutter), motion, *numbers, any_vertex=any_vertex)
@@ -158,8 +156,7 @@ def binned_exposure(
         ValueError: if `edges` are not finite and ascending, or fewer than two, or
             `speed` is not a finite scalar.
     """
-    require_scalar("binned_exposure(speed=...)", speed)
-    require_finite("binned_exposure(speed=...)", speed)
+    require_number("binned_exposure(speed=...)", speed)
     subject = "binned_exposure(edges=...)"
     require(np.ndim(edges) == 1, subject, "be one row", shape_of(edges))
     require(np.size(edges) >= 2, subject, "hold at least two edges", np.size(edges))
@@ -167,13 +164,9 @@ def binned_exposure(
     if is_concrete(edges):
         ascending = bool(np.all(np.diff(np.asarray(edges)) >= 0))
         require(ascending, subject, "ascend", edges)
-    dtype = _dtype(shutter, motion, speed, edges)
+    dtype = common_dtype(shutter, motion, speed, edges)
     speed, row = jnp.asarray(speed, dtype), jnp.asarray(edges, dtype)
     return _exposure(piecewise(shutter), motion, speed, row, jnp.asarray(False))
-
-
-def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -> np.dtype:
-    return common_dtype(*jax.tree.leaves((shutter, motion)), *values)
 
 
 @eqx.filter_jit

@@ -57,7 +57,7 @@ def exposure_quadrature(
         nodes, weights = _panel_rule(1, math.ceil(num_nodes * width / 2) + _SPARE_NODES)
         panels.append((begin + width * nodes, width / 2 * weights))
     tau, shares = map(np.concatenate, zip(*panels, strict=True))
-    weight, dtype = shares * form.known_at(tau), np.dtype(form.powers.dtype)
+    weight, dtype = shares * form.within(tau), np.dtype(form.powers.dtype)
     padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
     padded = (np.pad(part, padding).astype(dtype) for part in (tau, weight))
     efficiency = np.asarray(form.known_efficiency(), dtype)

@@ -21,7 +21,7 @@ from mishutter._core.checks import (
     require_finite,
     require_key,
     require_known,
-    require_scalar,
+    require_number,
 )
 from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import alone_in_blas
@@ -146,8 +146,7 @@ def simulate_capture(
     radiance = transposed(as_radiance(picture, "simulate_capture(picture=...)"), scene.sensor.axis)
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
     for name, value in (("speed", speed), ("displacement", displacement)):
-        require_scalar(f"simulate_capture({name}=...)", value)
-        require_finite(f"simulate_capture({name}=...)", value)
+        require_number(f"simulate_capture({name}=...)", value)
     columns = radiance.shape[-1 if radiance.ndim == 2 else -2]
     num_taps, _ = kernel_layout(motion, speed, subject="simulate_capture(speed=...)")
     is_near = border not in ("edge", "zero") or abs(displacement) <= MAX_REACH
@@ -304,8 +303,7 @@ def centred_kernel(
         ValueError: if the speed is not finite, the light displaced by over 8,192 px, or the blur
             of the lens not within 0 and 16 px.
     """
-    require_scalar("centred_kernel(speed=...)", speed)
-    require_finite("centred_kernel(speed=...)", speed)
+    require_number("centred_kernel(speed=...)", speed)
     requirement = f"be at least 0 and at most {WIDEST_BLUR:g} px"
     is_narrow = 0 <= lens_blur <= WIDEST_BLUR
     require(is_narrow, "centred_kernel(lens_blur=...)", requirement, lens_blur)

@@ -20,11 +20,12 @@ from mishutter._core.checks import (
     shape_of,
 )
 from mishutter.blur.waves import waves_on_dft
+from mishutter.camera.responses import aperture_on
 from mishutter.camera.rows import PAD_MODES, blur_length, continued, period_of
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import Optics
 from mishutter.model.shutters.base import AbstractShutter, piecewise
-from mishutter.pictures.files import PICTURE_SUFFIXES, Decoded
+from mishutter.pictures.files import VIDEO_SUFFIXES, Decoded, pictures_in
 from mishutter.pictures.images import (
     Axis,
     Picture,
@@ -36,11 +37,6 @@ from mishutter.pictures.images import (
 )
 
 _GIF = ".gif"
-VIDEO_SUFFIXES = (
-    *(".3gp", ".asf", ".avi", ".flv", _GIF, ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
-    *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
-)
-"""Suffixes of video files. FFmpeg also reads single pictures, and some of them wrongly."""
 _READ = "read_frames(path=...)"
 _ONCE = ("-an", "-fps_mode", "vfr")
 """Has FFmpeg give each frame once, at its time in steps of the frame rate."""
@@ -111,7 +107,7 @@ def read_frames(
     white: ArrayLike | None = None,
     linear: bool = False,
 ) -> Footage:
-    """Frames from a folder of pictures, in the order of their names, or from a video file.
+    """Frames from a folder of pictures, in the order of their numbers, or from a video file.
 
     Frames are read one by one as they are exposed, and show for as long as the file says. Video
     other than GIF needs FFmpeg, which the extra `mishutter[video]` installs; its values are
@@ -135,7 +131,7 @@ def read_frames(
         got = f"{str(path)!r}, not found"
         raise FileNotFoundError(f"`{_READ}` must name a folder or a video; got {got}.")
     if path.is_dir():
-        names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+        names = pictures_in(path)
         got = Unquoted(f"folder {str(path)!r}, which has none")
         require(len(names) >= 1, _READ, "hold pictures", got)
         return Footage(_pictures(names, white_level, linear), len(names), border)
@@ -193,8 +189,7 @@ def expose_frames(
     require(is_complete, subject, f"be the {num_frames} that came", frames.num_frames)
     if total is None or shape is None:
         return np.zeros((0, 0, 1))
-    aperture = np.sinc(np.arange(total.shape[-1]) / period) * optics.response(period)
-    irradiance = np.fft.irfft(total * aperture, period)[..., : shape[1]]
+    irradiance = np.fft.irfft(total * aperture_on(optics, (period,)), period)[..., : shape[1]]
     return np.ascontiguousarray(np.moveaxis(irradiance, 2, 1)).astype(dtype)
 
 

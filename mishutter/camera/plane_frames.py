@@ -1,50 +1,16 @@
-r"""Frames of a sensor that moves in the plane: what a moving picture leaves in each.
-
-From the middle of the frames on a thing is displaced on the sensor by
-$\mathbf x(t) - \mathbf v\,t$. A frame passes
-$\operatorname{sinc} f_x\,\operatorname{sinc} f_y\,O(\mathbf f)$ times the mean of
-$e^{-2\pi i\,\mathbf f\cdot(\mathbf x(t) - \mathbf v\,t)}$ over its exposure. One axis is a picture
-whose power lies along one line.
-"""
+"""Frames of a sensor that moves in the plane: what a moving picture leaves in each."""
 
 import math
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
-from mishutter._core.checks import require, require_positive_int
-from mishutter.blur.waves import waves_in_plane
 from mishutter.camera.capture import distinct_colours, every_colour
-from mishutter.camera.rows import MARGIN, Planes, instants_within_reach, nodes_of
-from mishutter.evaluation.instants import Instants
-from mishutter.model.optics import NYQUIST_FREQUENCY, Optics, lens_response
+from mishutter.camera.responses import aperture_on, frequencies_on, waves_of
+from mishutter.camera.rows import MARGIN, Planes, instants_within_reach, nodes_of, window_of
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import PlaneFrames
-
-
-def responses_in_plane(
-    instants: Instants, velocity: Float[np.ndarray, "2"], shape: tuple[int, ...]
-) -> Complex[np.ndarray, "n m k"]:
-    """Responses at a velocity, displacements included, but for the `aperture_on`."""
-    displaced = instants.displacement(velocity)
-    return waves_in_plane(displaced, instants.weight, frequencies_on(shape))
-
-
-def frequencies_on(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies down the columns and along the rows of half of a DFT; cycles/px."""
-    return np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
-
-
-def aperture_on(optics: Optics, shape: tuple[int, int], size: int = 1) -> Float[np.ndarray, "m n"]:
-    """Response of a pixel of some size behind the lens, on the grid of a DFT of such pixels."""
-    down, across = frequencies_on(shape)
-    radius = np.hypot(down[:, None], across) / size
-    cutoff = float(optics.cutoff_frequency)
-    lens = lens_response(radius, float(optics.lens_blur))
-    if cutoff < NYQUIST_FREQUENCY:
-        lens = np.where(radius <= cutoff * (1 + 1e-12), lens, 0.0)
-    return np.sinc(down)[:, None] * np.sinc(across) * lens
 
 
 def exposed_in_plane(
@@ -79,7 +45,7 @@ def exposed_in_plane(
     for k in range(frames.num_frames):
         irradiance = np.zeros((light.shape[0], num_rows, window[1].stop - window[1].start))
         for instants, share in zip(nodes, shares, strict=True):
-            response = responses_in_plane(instants.some([k]), velocity, period)[0]
+            response = waves_of(instants.some([k]), velocity[None], period)[0, 0]
             if len(nodes) == 1:
                 irradiance = np.fft.irfft2(spectrum * response, period)[:, *window]
                 continue
@@ -95,10 +61,6 @@ def exposed_in_plane(
 
 def seen_along(count: int, size: int | None, reach: int, word: str) -> tuple[slice, slice]:
     """The part of a picture that frames see along one axis, and the sensor's in that part."""
-    size = count if size is None else size
-    subject = f"simulate_frames(num_{word}=...)"
-    require_positive_int(subject, size)
-    require(size <= count, subject, f"be at most the picture's {count} {word}", size)
-    start = (count - size) // 2
-    first, last = max(start - reach, 0), min(start + size + reach, count)
-    return slice(first, last), slice(start - first, start - first + size)
+    window = window_of(count, size, f"num_{word}", word)
+    first, last = max(window.start - reach, 0), min(window.stop + reach, count)
+    return slice(first, last), slice(window.start - first, window.stop - first)

@@ -15,7 +15,8 @@ from mishutter._core.parallel import in_threads, num_processors
 from mishutter.blur.waves import waves_in_plane
 from mishutter.camera.layers import Layers
 from mishutter.camera.occlusion import images_between, in_fewest_colours
-from mishutter.camera.plane_frames import aperture_on, frequencies_on, seen_along
+from mishutter.camera.plane_frames import seen_along
+from mishutter.camera.responses import aperture_on, frequencies_on
 from mishutter.camera.rows import (
     MARGIN,
     continued,

@@ -15,7 +15,14 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core.checks import Alike, Numbers, is_concrete, namespace_of, require
+from mishutter._core.checks import (
+    Alike,
+    Numbers,
+    is_concrete,
+    namespace_of,
+    require,
+    require_positive_int,
+)
 from mishutter.evaluation.instants import Instants
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
@@ -150,6 +157,16 @@ def instants_within_reach(
     reach = max(instants.reach(velocity[None]))
     require(reach <= MAX_REACH, subject, requirement, reach)
     return instants
+
+
+def window_of(count: int, size: int | None, argument: str, word: str) -> slice:
+    """The middle pixels of a picture along an axis, over which a sensor of a size lies."""
+    size = count if size is None else size
+    subject = f"simulate_frames({argument}=...)"
+    require_positive_int(subject, size)
+    require(size <= count, subject, f"be at most the picture's {count} {word}", size)
+    start = (count - size) // 2
+    return slice(start, start + size)
 
 
 def require_border(subject: str, border: object) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
     RowLike,
@@ -21,16 +21,15 @@ from mishutter._core.checks import (
     require_finite,
     require_key,
     require_known,
-    require_positive_int,
     require_scalar,
 )
 from mishutter._core.parallel import alone_in_blas
-from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.capture import as_radiance, distinct_colours, every_colour, recorded_by
 from mishutter.camera.layers import Layers
 from mishutter.camera.occlusion import expose_layers_in_frame
 from mishutter.camera.plane_frames import exposed_in_plane
 from mishutter.camera.plane_layers import layers_in_plane
+from mishutter.camera.responses import aperture_on, waves_of
 from mishutter.camera.rows import (
     Planes,
     bands_of,
@@ -40,38 +39,13 @@ from mishutter.camera.rows import (
     period_of,
     pixel_by_pixel,
     rows_last,
+    window_of,
 )
 from mishutter.evaluation.instants import Instants
 from mishutter.model.exposures import path_for_rows
-from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Picture, pixels_along, transposed
-
-
-def responses_of_frames(
-    instants: Instants, speeds: RowLike, optics: Optics, period: int
-) -> Complex[np.ndarray, "s frames k"]:
-    r"""Responses of the frames at some speeds, on the grid of a DFT, displacements included.
-
-    $\operatorname{sinc}(f)\,O(f)\,\frac{1}{2T_k}\int e^{-2\pi i f (c_k(t) - s t)}\,dt$ over the
-    exposure of frame $k$.
-    """
-    each = np.asarray(speeds, np.float64)[:, None]
-    count = period // 2 + 1
-    waves = [
-        waves_on_dft(place - each * time, weight[None], period, count)
-        for time, place, weight in zip(
-            instants.time, instants.place[0], instants.weight, strict=True
-        )
-    ]
-    aperture = np.sinc(np.arange(count) / period) * optics.response(period)
-    return np.stack([np.asarray(one) for one in waves], axis=1) * aperture
-
-
-def furthest(instants: Instants, speeds: RowLike) -> float:
-    """Greatest displacement along an axis of a picture at some speeds, over all frames; px."""
-    return instants.reach(np.asarray(speeds, np.float64)[:, None])[0]
 
 
 @alone_in_blas()
@@ -181,20 +155,23 @@ def _picture_in_frames(
 ) -> Iterator[Planes]:
     """Irradiance of the sensor in each frame of a picture that moves as a whole."""
     radiance = transposed(radiance, scene.sensor.axis)
-    window = _window(radiance.shape[-1 if radiance.ndim == 2 else -2], num_columns, scene)
-    subject, along = "simulate_frames(speed=..., frames=...)", scene.sensor.axis == "columns"
+    axis, num_pixels = scene.sensor.axis, radiance.shape[-1 if radiance.ndim == 2 else -2]
+    window = window_of(num_pixels, num_columns, "num_columns", pixels_along(axis))
+    subject, along = "simulate_frames(speed=..., frames=...)", axis == "columns"
     path = path_for_rows(scene, frames) if scene.sensor.is_rolling else frames
     planes = np.asarray(rows_last(distinct_colours(radiance)))
     num_rows = window.stop - window.start if along else planes.shape[-2]
-    bands = bands_of(scene.sensor, num_rows, math.inf if scene.sensor.is_rolling else 0.0, 0.0)
-    nodes = [instants_within_reach(subject, path, np.array([speed]), x.delay) for x in bands]
-    reach = max(furthest(each, [speed]) for each in nodes)
+    delays = scene.sensor.row_delays(num_rows)[: None if scene.sensor.is_rolling else 1].tolist()
+    velocity = np.array([speed])
+    nodes = [instants_within_reach(subject, path, velocity, delay) for delay in delays]
+    reach = max(each.reach(velocity[None])[0] for each in nodes)
     period = period_of(planes.shape[-1], math.ceil(reach), "reflect")
     spectrum = np.fft.rfft(np.asarray(continued(planes, period, "reflect")))
+    aperture = aperture_on(scene.optics, (period,))
     for k in range(len(frames)):
-        each = (responses_of_frames(x.some([k]), [speed], scene.optics, period) for x in nodes)
-        response = np.concatenate([*each], axis=1)[0]
-        if along and len(bands) > 1:
+        each = [waves_of(x.some([k]), velocity[None], (period,))[0] for x in nodes]
+        response = np.concatenate(each) * aperture
+        if along and len(nodes) > 1:
             irradiance = pixel_by_pixel(spectrum, response, window.start, period)
         else:
             irradiance = np.fft.irfft(spectrum * response, period)[..., window]
@@ -206,7 +183,8 @@ def _layers_in_frames(
 ) -> Iterator[Planes]:
     """Irradiance of the sensor in each frame of layers, which hide one another."""
     layers = layers.transposed(scene.sensor.axis)
-    window = _window(layers.shape[1], num_columns, scene)
+    words = pixels_along(scene.sensor.axis)
+    window = window_of(layers.shape[1], num_columns, "num_columns", words)
     speeds = [layer.along_rows for layer in layers.layers]
     for speed in speeds:
         instants_within_reach("Layer(speed=...)", frames, np.array([float(speed)]))
@@ -224,14 +202,3 @@ def _layers_in_frames(
             light = expose_layers_in_frame(own, instants.some([index]), scene.optics)[:, window]
             parts.append(light[:, band.rows] if along else light)
         yield np.concatenate(parts, axis=1 if along else 0)
-
-
-def _window(num_columns: int, of_sensor: int | None, scene: Scene) -> slice:
-    """Columns of a picture that the sensor lies over at the middle of the sequence."""
-    width = num_columns if of_sensor is None else of_sensor
-    subject = "simulate_frames(num_columns=...)"
-    require_positive_int(subject, width)
-    requirement = f"be at most the picture's {num_columns} {pixels_along(scene.sensor.axis)}"
-    require(width <= num_columns, subject, requirement, width)
-    start = (num_columns - width) // 2
-    return slice(start, start + width)

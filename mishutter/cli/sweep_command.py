@@ -267,22 +267,21 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         best_points,
         best_snapshots,
         gain_over,
-        gain_over_snapshot,
         level_of,
+        over_snapshots,
     )
 
     values = dataset.load()
     level = level_of(_RANGES, values)
     snapshot = best_snapshots(scene, level=level, progress=True)
-    gains = values.assign(
-        over_snapshot=gain_over_snapshot(values, scene), over_hann=gain_over(values, "Hann")
-    )
+    gain = over_snapshots(values[level], snapshot[level])
+    gains = values.assign(over_snapshot=gain, over_hann=gain_over(values, "Hann"))
     best = {name: _point_of(point, scene, level) for name, point in best_points(gains).items()}
     files = []
     if folder is not None:
         from mishutter.report.sweep_plots import write_pictures
 
-        files = write_pictures(values, scene, folder)
+        files = write_pictures(gains, level, folder)
     if as_json:
         document = {
             "best": best,

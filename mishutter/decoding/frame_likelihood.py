@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from mishutter.camera.plane_frames import aperture_on
+from mishutter.camera.responses import aperture_on, frequencies_along, waves_of
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.base import density_of, power_at
 from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
@@ -30,7 +30,6 @@ from mishutter.decoding.likeliest import (
     Volume,
     detail_of,
     fit_of,
-    frequencies_along,
     likeliest,
     volume_of,
 )
@@ -40,8 +39,6 @@ from mishutter.decoding.rolling import (
     RowPaths,
     RowsInTurn,
     RowTimes,
-    binned_along,
-    waves_of,
 )
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
@@ -49,6 +46,7 @@ from mishutter.model.exposures import path_for_rows
 from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, power_on_grid
 from mishutter.model.sequences import Frames, frames_in
+from mishutter.pictures.registration.windows import means
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
@@ -145,14 +143,12 @@ class Level(NamedTuple):
             volumes.append(volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor))
         return Volume(*(np.mean(part, axis=0) for part in zip(*volumes, strict=True)))
 
-    def logarithms(
-        self, velocities: Float[np.ndarray, "s axes"], tolerance: float = ROUGHLY
-    ) -> Float[np.ndarray, "s *rows"]:
+    def logarithms(self, velocities: Float[np.ndarray, "s axes"]) -> Float[np.ndarray, "s *rows"]:
         """Logarithms of the likelihood of velocities, by row along one axis, over no picture's."""
         count = self.canvas.frames[..., 0].size * fast_length(self.canvas.sensor[-1])
         values, at_once = [], max(1, _TOGETHER // count)
         for some in np.split(velocities, range(at_once, len(velocities), at_once)):
-            gains = self.likeliest(some, tolerance).gains
+            gains = self.likeliest(some, ROUGHLY).gains
             volumes = np.array([self.volume(each).logarithm for each in some])
             values.append(gains - volumes.reshape(-1, *[1] * (gains.ndim - 1)))
         return np.concatenate(values)
@@ -200,9 +196,8 @@ class Own(NamedTuple):
             path = path_for_rows(self.prior.scene, self.taken)
             paths = RowPaths(path, instants, part.start or 0, self.times, size)
             ends += [paths.at(delay) for delay in paths.delays[[0, -1]].tolist()]
-        binned = self.frames[part]
-        for axis in range(-num_axes, 0):
-            binned = binned_along(binned, axis, size)
+        axes, dtype = tuple(range(-num_axes, 0)), self.frames.dtype
+        binned = self.frames[part] if size == 1 else means(self.frames[part], size, axes, dtype)
         # Waves of the sensor's ends die away in so many of its pixels, and of the canvas.
         reach = np.max([one.reach(velocities / size) for one in ends], axis=0)
         margin = tuple(math.ceil(x) + max(32 // size, 4) for x in reach[::-1])
@@ -214,18 +209,13 @@ class Own(NamedTuple):
         rows = None if paths is None else RowsInTurn(paths, canvas, velocities, share)
         # Rows are looked at at all frequencies, pictures at few.
         grid = shape if num_axes == 1 else (min(GRID, shape[0]), min(GRID, shape[1]))
-        coarse = self.prior.on(grid, size), self._aperture(grid, size)
-        aperture = self._aperture(shape, size)
+        optics = self.prior.scene.optics
+        coarse = self.prior.on(grid, size), aperture_on(optics, grid, size)
+        aperture = aperture_on(optics, shape, size)
         # A wave of the highest frequency has no place.
         for axis, count in enumerate(shape):
             np.moveaxis(aperture, axis, 0)[count // 2] = 0.0
         return Level(canvas, instants, aperture.astype(binned.dtype), coarse, rows)
-
-    def _aperture(self, shape: tuple[int, ...], size: int) -> Float[np.ndarray, "*k"]:
-        """Response of a pixel of some size behind the lens."""
-        rows, columns = (1, *shape)[-2:]
-        whole = aperture_on(self.prior.scene.optics, (rows, columns), size)
-        return whole if len(shape) == 2 else whole[0]
 
     def of_rows(self, some: Int[np.ndarray, "r"]) -> "Own":
         """The same of some of the rows."""
@@ -237,7 +227,7 @@ class Own(NamedTuple):
         shape = self.frames.shape[-num_axes:]
         grid = (GRID, GRID) if num_axes == 2 else (fast_length(shape[0]),)
         instants = Instants.of(self.taken, float(np.max(np.linalg.norm(velocities, axis=1))))
-        each = waves_of(instants, velocities, grid) * self._aperture(grid, 1)
+        each = waves_of(instants, velocities, grid) * aperture_on(self.prior.scene.optics, grid)
         expected = np.mean(density_of(each, self.noises), axis=0) * self.prior.on(grid)
         lowest = max(2 / min(shape), 1 / GRID if num_axes == 2 else 0.0)
         frames = self.frames - np.mean(self.frames, axis=(1, 2), keepdims=True)

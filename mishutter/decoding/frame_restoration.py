@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from mishutter._core.checks import as_float, require
 from mishutter.camera.capture import kernel_layout
+from mishutter.camera.responses import frequencies_along
 from mishutter.camera.rows import instants_within_reach
 from mishutter.decoding.decoders.base import AbstractDecoder, CompleteFrames, blur_model
 from mishutter.decoding.decoders.linear import LEAST_POWER, EnsembleDecoder
@@ -28,7 +29,6 @@ from mishutter.decoding.likeliest import (
     Likeliest,
     complete,
     electrons_of,
-    frequencies_along,
     noises_of,
 )
 from mishutter.decoding.restoration import restored_light

@@ -19,25 +19,23 @@ from mishutter._core.parallel import in_threads, num_threads
 from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
 from mishutter.blur.spectrum import condition_number
 from mishutter.blur.waves import BLOCK
-from mishutter.evaluation.ensembles import ensemble_of, without_tolerances
+from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import Evaluation, KernelSums, named_metrics
 from mishutter.evaluation.needs import (
+    Extent,
     Plan,
     effective_speeds,
     folds_speeds,
     longest_within_limits,
     num_frequencies,
-    occurring_speeds,
     reduced,
 )
 from mishutter.evaluation.response import Records, Response, kernels_and_efficiency, spectra_of
 from mishutter.evaluation.views import transmittance
-from mishutter.model.alignment import Reach
 from mishutter.model.devices import least_efficiency
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter, piecewise
-from mishutter.model.tolerances import Tolerances
 
 _TAPS = 64
 """Taps of a block."""
@@ -74,31 +72,26 @@ class Sizes(NamedTuple):
         half = np.asarray(motions.half_exposure, np.float64)
         a = np.asarray(motions.mean_acceleration, np.float64)
         sag = np.where(turns, a * half * half, 0.0)
-        fastest = np.asarray(scene.max_speed, np.float64)
-        reach, smear = motions.kernel_length(fastest), fastest * half
-        velocity = 2 * sag + smear
+        smear = np.asarray(scene.max_speed, np.float64) * half
+        travel, within = Extent.of(scene, motions), Extent.within_tolerances(scene, motions)
         # Every kernel beyond this length is refused.
-        reach_of_plan = np.minimum(np.maximum(reach, longest), 1 << 17)
+        reach_of_plan = np.minimum(np.maximum(travel.reach, longest), 1 << 17)
         num_taps = _of_whole(reach_of_plan, lambda x: Plan.of_travel(x, 0.0).num_taps)
-        spread = np.asarray(motions.kernel_length(np.max(abs(occurring_speeds(scene)))))
         aside = np.minimum(np.ceil(smear), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
-        num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
-        spread_within, velocity_within = spread, velocity
-        if scene.tolerances is not None:
-            spread_within, velocity_within = _travel_within(scene, scene.tolerances, motions)
+        num_reached = np.where(turns, np.ceil(travel.reach) + 1, 2 * aside + 1)
         halves, index = np.unique(half, return_inverse=True)
         return Sizes(
             num_taps=num_taps,
             dft_length=_of_whole(reach_of_plan, lambda x: Plan.of_travel(x, 0.0).dft_length),
-            num_frequencies=num_frequencies(scene, spread),
+            num_frequencies=num_frequencies(scene, travel.spread),
             num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
             num_still_taps=np.minimum(np.ceil(sag) + 1, num_taps).astype(int),
-            num_nodes=_of_whole(velocity, lambda x: Plan.of_travel(0.0, x).num_nodes),
+            num_nodes=_of_whole(travel.velocity, lambda x: Plan.of_travel(0.0, x).num_nodes),
             aside=aside,
             num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
-            num_frequencies_within=num_frequencies(scene, spread_within),
-            num_nodes_within=_of_whole(velocity_within, lambda x: Plan.of_travel(0.0, x).num_nodes),
+            num_frequencies_within=num_frequencies(scene, within.spread),
+            num_nodes_within=_of_whole(within.velocity, lambda x: Plan.of_travel(0.0, x).num_nodes),
         )
 
 
@@ -106,23 +99,6 @@ def _of_whole(values: Float[np.ndarray, "n"], size: Callable[[float], int]) -> I
     """The size for each of some values, rounded up to whole numbers."""
     whole, index = np.unique(np.ceil(values), return_inverse=True)
     return np.array([size(float(x)) for x in whole], int)[index]
-
-
-def _travel_within(
-    scene: Scene, tolerances: Tolerances, motions: AbstractMotion
-) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Greatest spread of light, px, and velocity, px per half exposure, within tolerances."""
-    speeds = jnp.asarray(occurring_speeds(scene), scene.speeds.dtype)
-
-    def at_errors(motion: AbstractMotion) -> tuple[Array, Array]:
-        return ensemble_of(speeds, tolerances, motion, np.dtype(scene.speeds.dtype))
-
-    ensemble = jax.vmap(at_errors)(motions)
-    accelerations, shifted = (np.asarray(x, np.float64) for x in ensemble)
-    half = np.asarray(motions.half_exposure, np.float64)[:, None]
-    sag, smear = accelerations * half**2, np.moveaxis(shifted, -1, 0) * half
-    spread, velocity = map(np.asarray, Reach.of_parabola(sag, np.max(np.abs(smear), axis=0)))
-    return spread.max(axis=1), velocity.max(axis=1)
 
 
 class Shapes(NamedTuple):

@@ -96,11 +96,11 @@ def moments_of(exposures: Sequence[float], steps: Sequence[float]) -> Float[np.n
 
 
 class StillBursts:
-    """The bursts of a camera at rest within the window of a scene's burst, by NumPy alone.
+    """The bursts of a camera at rest, by NumPy alone.
 
     Before a background a frame hides strips beside objects, the wider the further it is from the
-    middle, so that the order of long and short frames counts. Without a burst the window is as long
-    as the longest exposure. In the plane the camera may turn at a constant velocity, px/s.
+    middle, so that the order of long and short frames counts. In the plane the camera may turn at a
+    constant velocity, px/s.
     """
 
     def __init__(
@@ -108,13 +108,9 @@ class StillBursts:
         scene: Scene,
         *,
         at_worst: bool = False,
-        window: float | None = None,
         pan: Float[np.ndarray, "2"] | None = None,
     ) -> None:
-        self._window = window_of(scene) if window is None else window
         self._at_worst = at_worst
-        most = None if scene.burst is None else scene.burst.max_frames
-        self._max_frames = _MOST_FRAMES if most is None else most
         self._shortest, self._longest = _exposures(scene)
         self._pan = np.zeros(2) if pan is None else pan
         self._frames = OpenFrames.of(scene, self._longest, folds=True, pan=self._pan)
@@ -162,13 +158,6 @@ class StillBursts:
         )
         worst = psnr_of_error(self._error([kind[:2] for kind in kinds], times, at_worst=True))
         return Exposures(STILLS, frames, 0.0, kinds[0].psnr, worst)
-
-    def best(
-        self, frames_per_s: float, *, max_frames: int | None = None, dead_time: float = 0.0
-    ) -> StillBurst:
-        """The burst of the least error at a frame rate, of any number of frames or at most some."""
-        ends = self._window, self._shortest, self._longest
-        return self.best_within(FrameTimes(1 / frames_per_s, *ends, dead_time, max_frames))
 
     def best_within(self, times: FrameTimes, *, of_several: bool = False) -> StillBurst:
         """The burst of the least error of frames at these times."""

@@ -19,6 +19,7 @@ from jaxtyping import ArrayLike, Float
 
 from mishutter._core.checks import (
     all_concrete,
+    common_dtype,
     namespace_of,
     primal_values,
     require,
@@ -78,9 +79,10 @@ class Instants(NamedTuple):
             require(math.isfinite(way), "exposures_psnr(exposures=...)", "be finite numbers", way)
             num_panels = panels_for(way)
         with outside_trace() if all_concrete(frames) else nullcontext():
-            taken = frames_in(frames)
-            if all_concrete(frames):
-                taken = jax.tree.map(lambda x: np.asarray(x, np.float64), taken)
+            space, dtype = np, np.dtype(np.float64)
+            if not all_concrete(frames):  # some numbers may be known
+                space, dtype = jnp, common_dtype(frames)
+            taken = jax.tree.map(lambda x: space.asarray(x, dtype), frames_in(frames))
             begin, end = _lights(taken.times, taken.exposures, lights)
             begin, end = begin + delay, end + delay
             time, weight = _nodes(begin, end, taken.cuts(begin, end, delay), num_panels)

@@ -92,28 +92,14 @@ def exposures_psnr(
             more than 10 px of the sensor in a panel, while the program runs if numbers are traced.
     """
     require_scene(scene, in_plane=True)
-    caller = "exposures_psnr"
-    return level_of(scene, exposures, caller, grid, lights=lights, num_panels=num_panels)
-
-
-def level_of(
-    scene: Scene,
-    exposures: Frames | Exposures | Instants,
-    caller: str,
-    grid: Grid,
-    *,
-    lights: Lights | None = None,
-    num_panels: int | None = None,
-) -> Float[Array, ""]:
-    """The level of exposures, of panels that hold their ways."""
-    frames, error = _alone(exposures), 0.0
+    caller, frames, error = "exposures_psnr", _alone(exposures), 0.0
     for share, instants in rows_of(scene, exposures, caller, lights, num_panels):
         fan = fan_of(scene, instants, grid)
         if num_panels is not None:
             speeds = components_on(scene, fan, grid.num_speeds).speeds
             instants = instants.held(speeds, f"{caller}(num_panels=...)", num_panels)
         error += share * left(scene, instants, fan, grid.num_speeds)
-    return psnr_of(error, common_dtype(*jax.tree.leaves(frames)))
+    return psnr_of(error, common_dtype(frames))
 
 
 def rows_of(
@@ -168,7 +154,9 @@ def instants_of(
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
         requirement = "be given where JAX traces exposures or velocities"
         require(all_concrete(known), f"{caller}(num_panels=...)", requirement, num_panels)
-        fastest = fastest_of(primal_values(scene))
+        primal = primal_values(scene)
+        parts = primal if scene.velocities is not None else in_parts(primal)
+        fastest = float(parts.max_speed)
     return Instants.of(frames, fastest, lights=lights, num_panels=num_panels, delay=delay)
 
 
@@ -196,11 +184,6 @@ def in_parts(scene: Scene) -> Scene:
         speeds=space.concatenate([speeds, behind[0]]),
         weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
     )
-
-
-def fastest_of(scene: Scene) -> float:
-    """Greatest speed that occurs in a known scene, of either sign; px/s."""
-    return float((scene if scene.velocities is not None else in_parts(scene)).max_speed)
 
 
 def velocities_of(scene: Scene) -> tuple[Float[np.ndarray, "v axes"], Float[np.ndarray, "v"]]:
@@ -276,16 +259,13 @@ class Light(NamedTuple):
 
 
 @alone_in_blas()
-def left(
-    scene: Scene, instants: Instants, fan: Fan, num_speeds: int, compiled_as: np.dtype | None = None
-) -> Numbers | np.floating:
-    """Squared error that is left, white = 1; by NumPy if all is known, but for a precision."""
+def left(scene: Scene, instants: Instants, fan: Fan, num_speeds: int) -> Numbers | np.floating:
+    """Squared error that is left, white = 1; by NumPy if all is known."""
     parts = components_on(scene, fan, num_speeds)
     numbers = fan, parts, Light.of(scene), instants, Strips.of(scene)
-    if all_concrete(numbers) and compiled_as is None:
+    if all_concrete(numbers):
         return error_left(*jax.tree.map(np.asarray, numbers))
-    dtype = compiled_as or instants.time.dtype
-    return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, dtype), numbers))
+    return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, instants.time.dtype), numbers))
 
 
 def error_left(

@@ -28,7 +28,8 @@ from mishutter.evaluation.layers import (
     Frequencies,
     num_effective_speeds,
 )
-from mishutter.model.motion import AbstractMotion, ParabolicMotion
+from mishutter.model.alignment import length_on_parabola
+from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.shutters.base import AbstractShutter
@@ -167,37 +168,43 @@ def distinct_speeds(
 
 
 class Extent(NamedTuple):
-    """Travel of light on a motion."""
+    """Travel of light on a motion, or on each of stacked ones of one piece."""
 
-    reach: float  # Length of the longest kernel; px
-    velocity: float  # Its greatest velocity; px per half exposure
-    spread: float  # Length over which light of the speeds that occur falls; px
+    reach: Float[np.ndarray, "..."]  # Length of the longest kernel; px
+    velocity: Float[np.ndarray, "..."]  # Its greatest velocity; px per half exposure
+    spread: Float[np.ndarray, "..."]  # Length over which light of the speeds that occur falls; px
 
     @staticmethod
     def of(scene: Scene, motion: AbstractMotion) -> "Extent":
         """Travel of the light of a concrete scene on a motion."""
-        speeds = occurring_speeds(scene)
         with outside_trace():
-            reach = motion.reach(float(scene.max_speed))
-            spread = np.max(np.asarray(motion.highest(speeds) - motion.lowest(speeds)))
-        return Extent(float(reach.length), float(reach.velocity), float(spread))
+            half, fastest = np.asarray(motion.half_exposure, np.float64), float(scene.max_speed)
+            reach = motion.greatest_travel(np.array([-fastest, 0.0, fastest]))
+            gain = np.asarray(motion.speed_gain, np.float64)
+            spread = motion.greatest_travel(occurring_speeds(scene))
+        return Extent(np.maximum(reach, 2 * fastest * half), (gain + fastest) * half, spread)
 
     @staticmethod
     def within_tolerances(scene: Scene, motion: AbstractMotion) -> "Extent":
-        """Travel of the light of a concrete scene on a motion, within its tolerances."""
-        if scene.tolerances is None:
-            return Extent.of(scene, motion)
-        with jax.ensure_compile_time_eval():
-            dtype = np.dtype(scene.speeds.dtype)
-            ensemble = ensemble_of(scene.speeds, scene.tolerances, motion, dtype)
-            weights = jnp.tile(scene.weights, scene.tolerances.num_speeds)
-            weights = weights / scene.tolerances.num_speeds
-            extents, half = [], motion.half_exposure
-            for acceleration, speeds in zip(*ensemble, strict=True):
-                shifted = ParabolicMotion(acceleration=acceleration, half_exposure=half)
-                own = scene.without_metadata(speeds=speeds, weights=weights)
-                extents.append(Extent.of(own, shifted))
-        return Extent(*map(max, zip(*extents, strict=True)))
+        """The same of a camera that is built within the scene's tolerances.
+
+        Kernels are those of the camera as it is designed.
+        """
+        nominal, tolerances = Extent.of(scene, motion), scene.tolerances
+        if tolerances is None:
+            return nominal
+        speeds = jnp.asarray(occurring_speeds(scene), scene.speeds.dtype)
+
+        def at_errors(motion: AbstractMotion) -> tuple[Array, Array]:
+            return ensemble_of(speeds, tolerances, motion, np.dtype(speeds.dtype))
+
+        half = np.asarray(motion.half_exposure, np.float64)[..., None]
+        with outside_trace():
+            ensemble = (jax.vmap(at_errors) if half.ndim > 1 else at_errors)(motion)
+            accelerations, shifted = (np.asarray(x, np.float64) for x in ensemble)
+        sag, smear = accelerations * half**2, np.max(np.abs(shifted), axis=-1) * half
+        spread, velocity = np.asarray(length_on_parabola(sag, smear)), 2 * abs(sag) + smear
+        return Extent(nominal.reach, velocity.max(axis=-1), spread.max(axis=-1))
 
 
 def occurring_speeds(scene: Scene) -> Float[np.ndarray, "n"]:
@@ -256,12 +263,12 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     scene, motion = in_sensor_frame(*primal_values((scene, motion)))
     longest = longest_within_limits(scene)
     is_concrete_scene = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
-    travel = Extent(longest, longest, longest)
+    reach = velocity = spread = longest
     if is_concrete_scene:
-        travel = Extent.within_tolerances(scene, motion)
+        reach, velocity, spread = map(float, Extent.within_tolerances(scene, motion))
     own = replace(
-        Plan.of_travel(max(travel.reach, longest), max(travel.velocity, longest)),
-        num_frequencies=int(num_frequencies(scene, travel.spread)),
+        Plan.of_travel(max(reach, longest), max(velocity, longest)),
+        num_frequencies=int(num_frequencies(scene, spread)),
         loss_dft_length=Plan.of_travel(longest, longest).dft_length,
         num_effective_speeds=effective_speeds(scene, motion.half_exposure),
     )

@@ -34,7 +34,7 @@ from mishutter._core.checks import (
     require,
     require_finite,
 )
-from mishutter._core.columns import cells, text_lines, unit_columns
+from mishutter._core.columns import cells, number_rows, text_lines
 from mishutter._core.files import contents, write_bytes
 from mishutter.design.design import AbstractDesign, package_version
 from mishutter.hardware.stage_files import MAX_STEPS, path_csv
@@ -47,15 +47,8 @@ from mishutter.model.stages import StagePath
 _WORDS = (1 << 14) - 1
 _SAME = 1e-8
 """Relative difference of two times below which they are one, written to nine digits."""
-_TABLE = {
-    "begin": {"ms": 1e-3},
-    "wanted_transmittance": {"1": 1.0},
-    "level": {"1": 1.0},
-    "transmittance": {"1": 1.0},
-    "passed_transmittance": {"1": 1.0},
-    "sensor_position": {"px": 1.0},
-    "sensor_velocity": {"px/s": 1.0},
-}
+_COLUMNS = {"begin": "ms", "transmittance": "1", "sensor_position": "px"}
+"""Units of the columns of a table that are read; the others follow from these."""
 
 
 class DriveWarning(UserWarning):
@@ -375,11 +368,7 @@ def require_levels(function: str, floor: float, ceiling: float) -> None:
 def _samples(content: bytes, name: str) -> _Samples:
     if content.startswith(b"\x93NUMPY"):
         return _from_npy(content, name)
-    lines = text_lines(content, name)
-    is_table = bool(set(cells(lines[0])) & {"begin", "transmittance"})
-    requirement = "be a drive table in csv, with columns begin and transmittance, or npy"
-    require(is_table, name, requirement, lines[0])
-    return _from_table(lines, name)
+    return _from_table(text_lines(content, name), name)
 
 
 def _within(noun: str, values: np.ndarray, least: float, name: str) -> np.ndarray:
@@ -391,10 +380,19 @@ def _within(noun: str, values: np.ndarray, least: float, name: str) -> np.ndarra
 
 
 def _from_table(lines: list[str], name: str) -> _Samples:
-    columns = unit_columns(lines, name, _TABLE, ("begin", "transmittance"))
+    names, units = (cells(line) for line in (*lines, "")[:2])
+    is_table = names.count("begin") == names.count("transmittance") == 1
+    requirement = "be a drive table in csv, with one column begin and one transmittance, or npy"
+    require(is_table, name, requirement, lines[0])
+    own = dict(zip(names, units, strict=False))
+    for column, unit in _COLUMNS.items():
+        is_known = column not in names or own.get(column) == unit
+        requirement = f"have `{column}` in {unit} by its second line"
+        require(is_known, name, requirement, own.get(column, Unquoted("no unit")))
+    columns = dict(zip(names, number_rows(lines[2:], len(names), name).T, strict=True))
     transmittance = _within("a transmittance", columns["transmittance"], 0.0, name)
     # Steps are equal and begin at -T.
-    begin = columns["begin"]
+    begin = columns["begin"] / 1e3
     count, half = begin.size, -float(begin[0])
     requirement = "begin before mid-exposure, at a time below 0"
     require(half > 0, name, requirement, Unquoted(f"{begin[0] * 1e3:g} ms"))

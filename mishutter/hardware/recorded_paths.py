@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import Unquoted, require, require_finite, require_scalar
+from mishutter._core.checks import Unquoted, require, require_finite, require_number
 from mishutter.design.design import AbstractDesign, Kind
 from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
 from mishutter.model.motion import FreeMotion
@@ -78,8 +78,7 @@ def read_path(
         OSError: if the file cannot be read.
     """
     if scale is not None:
-        require_scalar("read_path(scale=...)", scale)
-        require_finite("read_path(scale=...)", scale)
+        require_number("read_path(scale=...)", scale)
         require(scale != 0, "read_path(scale=...)", "be above or below 0 px", scale)
     columns = timed_columns(path)
     names = _names_in(columns, num_axes, str(path))
@@ -153,8 +152,7 @@ def with_recorded_path(
             the exposures, or has few samples in one.
     """
     require(isinstance(design, AbstractDesign), "design", "be a design", design)
-    require_scalar("with_recorded_path(middle=...)", middle)
-    require_finite("with_recorded_path(middle=...)", middle)
+    require_number("with_recorded_path(middle=...)", middle)
     for row in path:
         require_finite(name, row)
     taken = design.exposures

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from mishutter._core.checks import RowLike, Unquoted, require, require_finite, require_scalar
+from mishutter._core.checks import RowLike, Unquoted, require, require_finite, require_number
 from mishutter.model.shutters.spline import SplineShutter, bounded_coefficients, spline_basis
 
 _LEAST = 32
@@ -166,8 +166,7 @@ def measured_profile(
     numbers = {"half_exposure": half_exposure, "middle": middle, "closed": closed, "opened": opened}
     for argument, number in numbers.items():
         if number is not None:
-            require_scalar(f"measured_profile({argument}=...)", number)
-            require_finite(f"measured_profile({argument}=...)", number)
+            require_number(f"measured_profile({argument}=...)", number)
     subject = "measured_profile(half_exposure=...)"
     require(half_exposure > 0, subject, "be above 0 s", half_exposure)
     trace.require_ascending(name)

@@ -15,6 +15,7 @@ speed this is the best that follows from the path alone: `benchmarks/alignment.p
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -26,18 +27,7 @@ _LEAST_SAG = 1e-15
 64 do not tell it from none beside a pixel. It is one number, so that no precision decides."""
 
 Lengths = Array | np.ndarray | np.floating
-
-
-class Reach(NamedTuple):
-    """The travel of light on one motion or on several; of any shape."""
-
-    length: Lengths  # Length of the longest kernel; px
-    velocity: Lengths  # Its greatest velocity; px per half exposure
-
-    @staticmethod
-    def of_parabola(sag: Lengths, smear: Lengths) -> "Reach":
-        """The travel of light from objects up to a speed, on parabolas."""
-        return Reach(length_on_parabola(sag, smear), 2 * abs(sag) + smear)
+"""Lengths, of one path or of many; of any shape."""
 
 
 class PathPieces(NamedTuple):
@@ -113,6 +103,13 @@ def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
     is_beyond = size > 2 * depth
     safe = space.where(is_beyond | (depth <= _LEAST_SAG), 1.0, depth)
     return space.where(is_beyond, 2 * size, depth + size + size * (size / (4 * safe)))
+
+
+def safe_sqrt(square: Any) -> Any:
+    """Square root; 0 for negative numbers, and with a derivative of 0 at 0."""
+    space, is_zero = jnp if isinstance(square, jax.Array) else np, square <= 0
+    # Without the inner `where` the infinite slope at 0, times the 0 of the outer one, would be NaN.
+    return space.where(is_zero, 0.0, space.sqrt(space.where(is_zero, 1.0, square)))
 
 
 def magnitude(value: Lengths) -> Lengths:

@@ -31,10 +31,8 @@ from mishutter._core.checks import (
     as_float,
     is_concrete,
     require,
-    require_finite,
     require_number,
     require_positive_int,
-    require_scalar,
 )
 from mishutter._core.compiling import outside_trace
 from mishutter._core.modules import AbstractModule
@@ -81,16 +79,20 @@ class AbstractDevice(AbstractModule):
     lags: eqx.AbstractClassVar[bool]
     """Whether the light depends on how long the exposure is."""
 
+    lag_words: eqx.AbstractVar[str]
+    """A sentence on how late the device follows; empty where it follows at once."""
+
+    is_linear: eqx.AbstractVar[bool]
+    """Whether the light is known to be linear in the command, up to what leaks."""
+
+    settling_time: eqx.AbstractVar[float | Array]
+    """Time for which the first level must be held before the exposure; s."""
+
     def __check_init__(self) -> None:
-        for name, requirement, holds in (
-            ("transmission", "be above 0 and at most 1", lambda x: 0 < x <= 1),
-            ("leakage", "be at least 0 and below 1", lambda x: 0 <= x < 1),
-        ):
-            value, subject = getattr(self, name), f"{type(self).__name__}({name}=...)"
-            require_scalar(subject, value)
-            require_finite(subject, value)
-            if is_concrete(value):
-                require(holds(float(value)), subject, requirement, value)
+        kind, bound = type(self).__name__, "above 0 and at most 1"
+        require_number(f"{kind}(transmission=...)", self.transmission, bound, strict=True, most=1.0)
+        below_one, bound = np.nextafter(1.0, 0.0), "at least 0 and below 1"
+        require_number(f"{kind}(leakage=...)", self.leakage, bound, most=below_one)
 
     @staticmethod
     @abstractmethod
@@ -99,23 +101,8 @@ class AbstractDevice(AbstractModule):
 
     @property
     @abstractmethod
-    def lag_words(self) -> str:
-        """A sentence on how late the device follows; empty where it follows at once."""
-
-    @property
-    @abstractmethod
-    def is_linear(self) -> bool:
-        """Whether the light is known to be linear in the command, up to what leaks."""
-
-    @property
-    @abstractmethod
     def relaxed(self) -> "AbstractDevice":
         """The same device without levels; its transmittance has derivatives by the command."""
-
-    @property
-    @abstractmethod
-    def settling_time(self) -> float | Array:
-        """Time for which the first level must be held before the exposure; s."""
 
     @abstractmethod
     def made(
@@ -210,6 +197,8 @@ class IdealDevice(AbstractDevice):
     min_open: ClassVar[int] = 1
     min_closed: ClassVar[int] = 1
     lags: ClassVar[bool] = False
+    lag_words: ClassVar[str] = ""
+    settling_time: ClassVar[float] = 0.0
 
     def __init__(
         self,
@@ -230,20 +219,12 @@ class IdealDevice(AbstractDevice):
         return True
 
     @property
-    def lag_words(self) -> str:
-        return ""
-
-    @property
     def is_linear(self) -> bool:
         return self.levels is None
 
     @property
     def relaxed(self) -> "IdealDevice":
         return self.without_lag
-
-    @property
-    def settling_time(self) -> float | Array:
-        return 0.0
 
     def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
@@ -389,7 +370,10 @@ class SwitchedDevice(AbstractDevice):
     min_open: int = eqx.field(static=True)
     min_closed: int = eqx.field(static=True)
     levels: ClassVar[int | None] = 2
+    is_linear: ClassVar[bool] = False
     lags: ClassVar[bool] = False
+    lag_words: ClassVar[str] = ""
+    settling_time: ClassVar[float] = 0.0
 
     def __init__(
         self,
@@ -412,20 +396,8 @@ class SwitchedDevice(AbstractDevice):
         return switches and "levels" not in arguments
 
     @property
-    def lag_words(self) -> str:
-        return ""
-
-    @property
-    def is_linear(self) -> bool:
-        return False
-
-    @property
     def relaxed(self) -> IdealDevice:
         return self.without_lag
-
-    @property
-    def settling_time(self) -> float | Array:
-        return 0.0
 
     def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
@@ -437,26 +409,24 @@ DEVICES: tuple[type[AbstractDevice], ...] = (FirstOrderDevice, SwitchedDevice, I
 """All devices; the first that `has` the arguments of a file is the one that it describes."""
 
 
-def _slots(count: int, kind: str) -> int:
-    subject = f"{kind}(num_slots=...)"
+def _count(count: int, subject: str, most: int) -> int:
     count = require_positive_int(subject, count)
-    require(2 <= count <= 4096, subject, "be 2 to 4096", count)
+    require(2 <= count <= most, subject, f"be 2 to {most}", count)
     return count
+
+
+def _levels(count: int | None, kind: str) -> int | None:
+    return None if count is None else _count(count, f"{kind}(levels=...)", 65536)
+
+
+def _slots(count: int, kind: str) -> int:
+    return _count(count, f"{kind}(num_slots=...)", 4096)
 
 
 def _run(count: int, num_slots: int, subject: str) -> int:
     """Slots in a row."""
     count = require_positive_int(subject, count)
     require(count <= num_slots, subject, f"be at most num_slots = {num_slots}", count)
-    return count
-
-
-def _levels(count: int | None, kind: str) -> int | None:
-    if count is None:
-        return None
-    subject = f"{kind}(levels=...)"
-    count = require_positive_int(subject, count)
-    require(2 <= count <= 65536, subject, "be 2 to 65536", count)
     return count
 
 

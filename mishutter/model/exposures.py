@@ -321,8 +321,10 @@ class Exposures:
         Args:
             limits: Those of the stage.
         """
-        use = self.use_within(limits)
-        acceleration = self._driven.acceleration(self._of_stage(limits))
+        use, path = self.use_within(limits), self._driven
+        # In the plane a velocity that jumps takes an infinite one.
+        in_plane = isinstance(path, FramePath)
+        acceleration = path.acceleration(self._of_stage(limits)) if in_plane else use.acceleration
         pairs = (
             (use.stroke, limits.max_stroke),
             # What the camera turns by is no longer the stage's.
@@ -390,7 +392,9 @@ def exposures_in_plane(
     scene: Scene, kind: str, frames: FramePath, psnr: float, *, width_loss: float | None = None
 ) -> Exposures:
     """Frames with what they ask of a stage, beside a camera that turns where they move."""
-    pan = pan_over(scene, frames)
+    pan = np.zeros(2)
+    if not frames.stays:
+        pan = turned_by(require_velocities(scene), scene.limits)
     use = frames.beside(pan).use(scene.limits)
     return Exposures(
         kind,
@@ -401,11 +405,6 @@ def exposures_in_plane(
         width_loss=width_loss,
         lit_travel=float(use.stroke),
     )
-
-
-def pan_over(scene: Scene, frames: FramePath) -> Float[np.ndarray, "2"]:
-    """Velocity at which the camera turns over frames, 0 if they are at rest; px/s."""
-    return np.zeros(2) if frames.stays else turned_by(require_velocities(scene), scene.limits)
 
 
 def turned_by(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:

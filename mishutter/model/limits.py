@@ -39,13 +39,11 @@ from mishutter.model.motion import (
     is_known_zero,
 )
 from mishutter.model.servos import SecondOrderStage
-from mishutter.model.stages import StagePath, stage_path, stage_use
+from mishutter.model.stages import SINGLE, StagePath, stage_path, stage_use
 
 Number = Float[Array | np.ndarray | np.floating, ""]
 LEAST_STROKE = 1e-3
 """A sensor that may move by less than this stands still; px."""
-_SINGLE = 1e-5
-"""Share of a limit by which a way in single precision may be beyond it."""
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 """Limits that a scene may do without, and that the search bounds motions by."""
 
@@ -71,9 +69,6 @@ class Limit(NamedTuple):
     requirement: str  # Words for what a motion must do, of the numbers `taken` and `there`
     got: str  # Words for what a motion does, of the same numbers
     scale: float = 1.0  # Factor from the unit of the numbers to that of the words
-    # Whether the search has a formula for the motions within it. Otherwise it looks for them, where
-    # the use never falls with acceleration, half exposure and speed
-    is_solved: bool = True
 
     def words(self, demand: LimitUse) -> tuple[str, str]:
         """The requirement of an error, and what it got, of one motion."""
@@ -240,10 +235,6 @@ class Limits(AbstractModule):
             requirement = f"be at most max_half_exposure = {longest:g} s"
             require(float(shortest) <= longest, subject, requirement, shortest)
 
-    def without_servo(self) -> "Limits":
-        """The limits without the answer of the stage, which no integral sees."""
-        return eqx.tree_at(lambda each: each.stage, self, None, is_leaf=lambda part: part is None)
-
     @property
     def moves(self) -> bool:
         """Whether there is a stage, which a stroke of 0 denies."""
@@ -377,11 +368,11 @@ class Limits(AbstractModule):
         half_exposure: Float[Array, ""],
         velocity: Float[Array, ""],
     ) -> Float[Array, ""]:
-        """Share in use of what the stage reaches: the greatest of all limits without a formula.
+        """Share in use of what the stage reaches, for which there is no formula.
 
-        Those are its travel, its top speed where its jerk is limited, and what `LIMITS` says. It
-        never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
-        velocity, px/s, in the frame of the stage.
+        That is its travel, and its top speed where its jerk is limited. It never falls with the
+        acceleration, px/s^2, the half exposure, s, or the size of the velocity, px/s, in the frame
+        of the stage.
 
         Args:
             acceleration: $a$; px/s^2.
@@ -393,18 +384,22 @@ class Limits(AbstractModule):
         )
         return self.stage_share_of(motion)
 
-    def stage_share_of(self, motion: AbstractMotion) -> Float[Array, ""]:
-        """The `stage_share` of a motion; scalar.
+    def stage_share_of(self, motion: AbstractMotion) -> Float[Array, "..."]:
+        """The `stage_share` of a motion; of the shape of stacked motions.
 
         Args:
             motion: Motion of the sensor.
         """
-        share = self._travel_share(motion)
-        for limit in LIMITS:
-            if not limit.is_solved:
-                taken, there = limit.demand(self, motion)
-                if taken is not None and there is not None:
-                    share = jnp.maximum(share, taken / there)
+        use = stage_use(self.of_stage(motion), self.max_acceleration, self.max_jerk)
+        share = jnp.zeros_like(use.travel)
+        if self.max_travel is not None:
+            share = jnp.maximum(share, use.travel / self.max_travel)
+        if self.max_jerk is not None:
+            velocity = jnp.asarray(motion.velocity)
+            by_camera = velocity if self.pans == "camera" else jnp.zeros_like(velocity)
+            beside = jnp.abs(by_camera) - jnp.abs(self._frame(velocity))
+            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
+            share = jnp.maximum(share, (use.top_speed + beside) / most)
         return share
 
     def stage_path(self, motion: AbstractMotion) -> StagePath | None:
@@ -444,7 +439,7 @@ class Limits(AbstractModule):
         uses = [LimitUse(np.asarray(stroke), np.asarray(self.max_stroke))]
         if self.max_travel is not None:
             uses.append(LimitUse(np.asarray(travel), np.asarray(self.max_travel)))
-        return all(bool(use.is_met(_SINGLE)) for use in uses)
+        return all(bool(use.is_met(SINGLE)) for use in uses)
 
     def travel_beyond(self, path: StagePath | None) -> float | None:
         """Travel of a path of the stage where it is more than is allowed; px. None elsewhere.
@@ -553,22 +548,8 @@ class Limits(AbstractModule):
         numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": velocity}
         return self.largest("acceleration", rest, most, numbers)
 
-    def _travel_share(self, motion: AbstractMotion) -> Array:
-        """The share of travel and top speed that a motion takes with its run-up and its run-out."""
-        use = stage_use(self.of_stage(motion), self.max_acceleration, self.max_jerk)
-        share = jnp.zeros_like(use.travel)
-        if self.max_travel is not None:
-            share = jnp.maximum(share, use.travel / self.max_travel)
-        if self.max_jerk is not None:
-            velocity = jnp.asarray(motion.velocity)
-            by_camera = velocity if self.pans == "camera" else jnp.zeros_like(velocity)
-            beside = jnp.abs(by_camera) - jnp.abs(self._frame(velocity))
-            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
-            share = jnp.maximum(share, (use.top_speed + beside) / most)
-        return share
 
-
-_compiled_travel_share = compiled(Limits._travel_share)
+_compiled_travel_share = compiled(Limits.stage_share_of)
 
 
 @compiled

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Shaped
 
 from mishutter._core.checks import (
+    Numbers,
     RowLike,
     all_concrete,
     as_float,
@@ -33,22 +34,20 @@ from mishutter._core.checks import (
     require_finite,
     require_number,
     require_positive_int,
-    require_scalar,
     shape_of,
 )
 from mishutter._core.modules import AbstractModule
 from mishutter.model.alignment import (
     PathPieces,
-    Reach,
     above_alignment,
     length_on_parabola,
     magnitude,
+    safe_sqrt,
     turns,
 )
 
 Positions = Array | np.ndarray | np.floating
 """Numbers of NumPy where all are known and the caller's are of NumPy; of JAX elsewhere."""
-Numbers = Array | np.ndarray
 
 
 class FixedParts(NamedTuple):
@@ -86,7 +85,7 @@ class AbstractMotion(AbstractModule):
     def __check_init__(self) -> None:
         name = type(self).__name__
         _check_half_exposure(f"{name}(half_exposure=...)", self.half_exposure)
-        _check_velocity(f"{name}(velocity=...)", self.velocity)
+        require_number(f"{name}(velocity=...)", self.velocity)
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
@@ -299,12 +298,13 @@ class AbstractMotion(AbstractModule):
             both = map(space.asarray, (v + relative, v - relative))
             return space.asarray(space.maximum(*map(self._travel, both)))
 
-    def reach(self, max_speed: float) -> Reach:
-        """The travel of light from objects up to a speed, in either direction; concrete."""
-        half, fastest = np.asarray(self.half_exposure, np.float64), float(max_speed)
-        length = np.max(self._travel(np.array([-fastest, 0.0, fastest])))
-        velocity = (float(self.speed_gain) + fastest) * half
-        return Reach(np.maximum(length, 2 * fastest * half), velocity)
+    def greatest_travel(self, speeds: Float[np.ndarray, "speeds"]) -> Float[np.ndarray, "..."]:
+        """Distance from the lowest to the highest position of objects, at the worst of some speeds.
+
+        In px, of the shape of stacked motions of one piece; concrete.
+        """
+        axes = (-1,) + (1,) * self.half_exposure.ndim
+        return np.asarray(np.max(np.asarray(self._travel(speeds.reshape(axes))), axis=0))
 
     def pieces_of(self, speed: RowLike) -> PathPieces:
         """The pieces of the paths of points over the sensor, on an axis after those of `speed`."""
@@ -577,7 +577,7 @@ def LinearMotion(*, half_exposure: ArrayLike, velocity: ArrayLike = 0.0) -> Para
     half = as_float(half_exposure, "LinearMotion(half_exposure=...)")
     _check_half_exposure("LinearMotion(half_exposure=...)", half)
     pan = _beside(half, velocity, "LinearMotion(velocity=...)")
-    _check_velocity("LinearMotion(velocity=...)", pan)
+    require_number("LinearMotion(velocity=...)", pan)
     return ParabolicMotion(acceleration=0.0, half_exposure=half, velocity=pan)
 
 
@@ -604,16 +604,9 @@ def acceleration_of_stroke(
     $\left(\sqrt S + \sqrt{S - 2|v|T}\right)^2 / 4T^2$.
     """
     space, by_pan = namespace_of(half_exposure), speed * half_exposure
-    root = np.sqrt if isinstance(half_exposure, np.ndarray) else safe_root
     room = stroke - 2 * by_pan
-    sag = stroke - by_pan + root(stroke * space.maximum(room, 0))
+    sag = stroke - by_pan + safe_sqrt(stroke * space.maximum(room, 0))
     return space.where(room >= 0, sag, 0.0) / 2 / half_exposure / half_exposure
-
-
-def safe_root(square: Positions | float) -> Positions:
-    """Square root whose derivative at 0 is 0; of a number below that it is 0."""
-    space, positive = jnp if isinstance(square, jax.Array) else np, square > 0
-    return space.where(positive, space.sqrt(space.where(positive, square, 1.0)), 0.0)
 
 
 def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
@@ -691,16 +684,10 @@ def _check_half_exposure(subject: str, value: Array) -> None:
 def _length(subject: str, value: ArrayLike, least: Array, why: str) -> ArrayLike:
     """A length, px, that must not be less than another: an error, at run time if it is traced."""
     length = as_float(value, subject)
-    require_scalar(subject, length)
-    require_finite(subject, length)
+    require_number(subject, length)
     if not all_concrete((length, least)):
         message = f"`{subject}` must be no less than the least{why}."
         return eqx.error_if(length, length < least.astype(length.dtype), message)
     requirement = f"be at least {float(least):g} px{why}"
     require(float(length) >= float(least), subject, requirement, length)
     return value
-
-
-def _check_velocity(subject: str, value: Array) -> None:
-    require_scalar(subject, value)
-    require_finite(subject, value)

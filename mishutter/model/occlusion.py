@@ -11,11 +11,8 @@ from mishutter._core.checks import (
     all_concrete,
     as_float,
     common_dtype,
-    is_concrete,
     require,
-    require_finite,
     require_number,
-    require_scalar,
     shown,
 )
 from mishutter._core.modules import AbstractModule
@@ -108,15 +105,12 @@ class Occlusion(AbstractModule):
 
     def __check_init__(self) -> None:
         subject = "Occlusion(front_share=...)"
-        require_number(subject, self.front_share, "at least 0")
-        if is_concrete(self.front_share):
-            require(float(self.front_share) <= 1, subject, "be at most 1", self.front_share)
+        require_number(subject, self.front_share, "from 0 to 1", most=1.0)
         if self.object_width is not None:
             subject = "Occlusion(object_width=...)"
             require_number(subject, self.object_width, "above 0 px", strict=True)
         subject = "Occlusion(level_difference=...)"
-        require_scalar(subject, self.level_difference)
-        require_finite(subject, self.level_difference)
+        require_number(subject, self.level_difference)
         subject, is_valid = "Occlusion(background=...)", self.background in get_args(Background)
         require(is_valid, subject, "be 'still' or 'moving'", self.background)
 

@@ -13,12 +13,8 @@ from jaxtyping import Array, ArrayLike, Float
 from mishutter._core.checks import (
     Alike,
     as_float,
-    is_concrete,
     namespace_of,
-    require,
-    require_finite,
     require_number,
-    require_scalar,
 )
 from mishutter._core.modules import AbstractModule
 
@@ -102,17 +98,11 @@ class Optics(AbstractModule):
         self.lens_blur = as_float(lens_blur, "Optics(lens_blur=...)")
 
     def __check_init__(self) -> None:
-        subject, cutoff = "Optics(cutoff_frequency=...)", self.cutoff_frequency
-        require_scalar(subject, cutoff)
-        require_finite(subject, cutoff)
-        if is_concrete(cutoff):
-            passes = 0 < float(cutoff) <= NYQUIST_FREQUENCY
-            require(passes, subject, "be above 0 and at most 0.5 cycles/px", cutoff)
-        subject, blur = "Optics(lens_blur=...)", self.lens_blur
-        require_number(subject, blur, "at least 0")
-        if is_concrete(blur):
-            is_within = float(blur) <= WIDEST_BLUR
-            require(is_within, subject, f"be at most {WIDEST_BLUR:g} px", blur)
+        subject, bound = "Optics(cutoff_frequency=...)", "above 0 and at most 0.5 cycles/px"
+        most = NYQUIST_FREQUENCY
+        require_number(subject, self.cutoff_frequency, bound, strict=True, most=most)
+        bound = f"from 0 to {WIDEST_BLUR:g} px"
+        require_number("Optics(lens_blur=...)", self.lens_blur, bound, most=WIDEST_BLUR)
 
     def response(self, period: int) -> Float[np.ndarray, "{period}//2+1"]:
         """Response on the grid of the DFT of so many pixels; shape `(period // 2 + 1,)`.

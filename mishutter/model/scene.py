@@ -20,9 +20,11 @@ from mishutter._core.checks import (
     Unquoted,
     all_concrete,
     as_float,
+    as_numpy,
     common_dtype,
     device_constant,
     is_concrete,
+    namespace_of,
     require,
     require_at_least,
     require_finite,
@@ -388,7 +390,7 @@ class Scene(AbstractModule):
             weights=self.weights if weights is None else weights,
             picture=self.picture.without_metadata(power_spectrum),
             sensor=Sensor(full_well=self.sensor.full_well),
-            limits=self.limits.without_servo(),
+            limits=replace(self.limits, stage=None),
             burst=None,
             objects=None,
             errors=None,
@@ -436,9 +438,7 @@ class Scene(AbstractModule):
     @property
     def fullest_motion(self) -> ParabolicMotion:
         """The `fullest_motion` of the limits about the middle of the speeds."""
-        slowest, fastest = self.speed_range
-        are_concrete = self.speeds_known
-        slowest, fastest = (np.asarray(x) if are_concrete else x for x in (slowest, fastest))
+        slowest, fastest = as_numpy(*self.speed_range)
         return self.limits.fullest_motion((slowest + fastest) / 2)
 
     @property
@@ -472,20 +472,16 @@ class Scene(AbstractModule):
         """Largest speed of either sign that occurs; px/s."""
         if self.velocities is not None and all_concrete(self.velocities):
             return as_float(self.velocities.fastest)
-        slowest, fastest = self.speed_range
-        if self.speeds_known:
-            return as_float(np.maximum(np.abs(slowest), np.abs(fastest)))
-        return jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
+        slowest, fastest = as_numpy(*self.speed_range)
+        return as_float(namespace_of(slowest, fastest).maximum(abs(slowest), abs(fastest)))
 
     @property
     def speed_range(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Smallest and largest velocity that occurs; px/s."""
-        if self.speeds_known:
-            speeds = np.asarray(self.speeds)[np.asarray(self.weights) > 0]
-            return as_float(np.min(speeds)), as_float(np.max(speeds))
-        occurs = self.weights > 0
-        slowest = jnp.min(jnp.where(occurs, self.speeds, jnp.inf))
-        return slowest, jnp.max(jnp.where(occurs, self.speeds, -jnp.inf))
+        speeds, weights = as_numpy(self.speeds, self.weights)
+        space, occurs = namespace_of(speeds, weights), weights > 0
+        slowest, fastest = (space.where(occurs, speeds, x) for x in (np.inf, -np.inf))
+        return as_float(space.min(slowest)), as_float(space.max(fastest))
 
 
 def require_velocities(scene: Scene) -> AbstractVelocities:

@@ -45,13 +45,14 @@ from mishutter.model.scene_schema import (
 from mishutter.model.scene_units import (
     FASTEST,
     SPEED_UNITS,
-    Scales,
+    View,
     arguments_in,
     photon_rate,
     read_noise_in,
     speed_of,
     table_of,
     told_in,
+    view_of,
 )
 from mishutter.model.sensor import BurstMode, Sensor
 from mishutter.model.servos import SecondOrderStage
@@ -75,7 +76,7 @@ def read_speed(text: str, path: str | Path | None, subject: str) -> float:
     data = example_scene_text().encode() if path is None else contents(Path(path))
     name = str(path or "example_scene.toml")
     file = validated(SceneFile, parsed(tomllib.loads, data, name, "TOML"), name, in_section)
-    return speed_of(text, _scales(file), subject)
+    return speed_of(text, _view(file), subject)
 
 
 def read_velocity(text: str, path: str | Path | None, subject: str) -> tuple[float, float]:
@@ -87,8 +88,8 @@ def read_velocity(text: str, path: str | Path | None, subject: str) -> tuple[flo
     return along, across
 
 
-def _scales(file: SceneFile) -> Scales:
-    return Scales(file.sensor.pixel_pitch_um, file.view)
+def _view(file: SceneFile) -> View:
+    return view_of(file.view, file.sensor.pixel_pitch_um)
 
 
 def example_scene_text() -> str:
@@ -154,9 +155,9 @@ def in_file(name: str) -> Iterator[None]:
 
 def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) -> dict[str, Any]:
     """Arguments of `Scene` that a file gives."""
-    scales = _scales(file)
-    moving = _speeds(file, scales)
-    limits = _limits(file.limits, file.stage, scales)
+    view = _view(file)
+    moving = _speeds(file, view)
+    limits = _limits(file.limits, file.stage, view)
     law = moving.get("velocities")
     fastest = float(np.max(np.abs(moving["speeds"]))) if law is None else law.fastest
     longest = _exposures(file.limits)[1]
@@ -164,36 +165,36 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     got = Unquoted(f"{travel:g} px in {longest:g} ms")
     requirement = "let the fastest object travel at most 10000 px"
     require(travel <= 1e4, "[limits] max_exposure_ms", requirement, got)
-    occlusion = _occlusion(file.occlusion, scales)
+    occlusion = _occlusion(file.occlusion, view)
     is_whole = occlusion is None or file.decoder.speed != "found"
     why = "no single speed describes a picture with a background"
     requirement = f"be 'unknown' or 'known' beside [occlusion]: {why}"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
-    sensor = _of_kind(Sensor, _with_readout(file.sensor), "[sensor]", scales)
+    sensor = _of_kind(Sensor, _with_readout(file.sensor), "[sensor]", view)
     if file.burst is not None and sensor is not None:
         period, readout = 1e3 / file.burst.frames_per_s, sensor.readout_time * 1e3
         requirement = f"be at most the {period:g} ms from frame to frame"
         got = Unquoted(f"{readout:g}")
         require(readout <= period * (1 + 1e-6), "[sensor] readout_ms", requirement, got)
     return moving | {
-        "photon_rate": photon_rate(file.light, scales),
+        "photon_rate": photon_rate(file.light, view),
         "read_noise": read_noise_in(file.sensor),
         "picture": _picture(file.picture, file.sensor.axis, folder, textures),
-        "optics": _of_kind(Optics, file.optics, "[optics]", scales),
+        "optics": _of_kind(Optics, file.optics, "[optics]", view),
         "sensor": sensor,
         "limits": limits,
-        "device": None if file.shutter is None else _device(file.shutter, scales),
-        "burst": _burst(file.burst, scales),
-        "tolerances": _tolerances(file.tolerances, scales),
+        "device": None if file.shutter is None else _device(file.shutter, view),
+        "burst": _burst(file.burst, view),
+        "tolerances": _tolerances(file.tolerances, view),
         "occlusion": occlusion,
-        "objects": _objects(file.objects, scales),
-        "errors": _of_kind(MeasurementErrors, file.errors, "[errors]", scales),
+        "objects": _objects(file.objects, view),
+        "errors": _of_kind(MeasurementErrors, file.errors, "[errors]", view),
         "decoder_speed": file.decoder.speed,
-        "motion": _motion(file.motion, file.limits, limits, scales),
+        "motion": _motion(file.motion, file.limits, limits, view),
     }
 
 
-def _speeds(file: SceneFile, scales: Scales) -> dict[str, Any]:
+def _speeds(file: SceneFile, view: View) -> dict[str, Any]:
     """The speeds and weights of a file, or the law of its velocities."""
     section = file.speeds
     unit, listed = told_in(section, "list", SPEED_UNITS, "[speeds]")
@@ -209,7 +210,7 @@ def _speeds(file: SceneFile, scales: Scales) -> dict[str, Any]:
     require(len(forms_in_file) == 1, "[speeds]", requirement, got)
     if section.any_direction is not None:
         require(section.weights is None, "[speeds] weights", "stand in any_direction", "[speeds]")
-        law = _any_direction(section.any_direction, scales)
+        law = _any_direction(section.any_direction, view)
         beside = "stand beside speeds along one axis, as uniform, and not beside any_direction"
         for name in ("tolerances", "motion"):
             require(getattr(file, name) is None, f"[{name}]", beside, Unquoted("both"))
@@ -225,13 +226,13 @@ def _speeds(file: SceneFile, scales: Scales) -> dict[str, Any]:
         speeds, weights = _listed(listed, section.weights)  # type: ignore[arg-type]
     goes = section.weights is None or listed is not None
     require(goes, "[speeds] weights", "go with list_px_per_s", Unquoted(forms_in_file[0]))
-    speeds = speeds * scales.of_things(unit, f"[speeds] in {unit}")
+    speeds = speeds * view.px_of_things(unit, f"[speeds] in {unit}")
     fastest = float(np.max(np.abs(speeds)))
     require(fastest <= FASTEST, "[speeds]", f"be at most {FASTEST:g} px/s", fastest)
     return {"speeds": speeds, "weights": weights}
 
 
-def _any_direction(form: AnyDirection, scales: Scales) -> AbstractVelocities:
+def _any_direction(form: AnyDirection, view: View) -> AbstractVelocities:
     """The law of velocities: a disc, an ellipse, a ring, or a list."""
     place, names = "[speeds] any_direction", ("max", "along", "speed", "list")
     told = {name: told_in(form, name, SPEED_UNITS, place) for name in (*names, "across", "mean")}
@@ -252,7 +253,7 @@ def _any_direction(form: AnyDirection, scales: Scales) -> AbstractVelocities:
         requirement = f"go with {goes_with.get(name, 'along')}_px_per_s"
         require(value is None or name in own, f"{place}.{name}", requirement, Unquoted(law))
     unit, value = told[law]
-    scale = scales.of_things(unit, f"{place} in {unit}")
+    scale = view.px_of_things(unit, f"{place} in {unit}")
     numbers = np.array(value) * scale
     fastest = float(np.max(np.abs(numbers)))
     require(fastest <= FASTEST, place, f"be at most {FASTEST:g} px/s", fastest)
@@ -267,7 +268,7 @@ def _any_direction(form: AnyDirection, scales: Scales) -> AbstractVelocities:
     of_mean, mean = told["mean"]
     middle = np.zeros(2)
     if mean is not None:
-        middle = np.array(mean) * scales.of_things(of_mean, f"{place} in {of_mean}")
+        middle = np.array(mean) * view.px_of_things(of_mean, f"{place} in {of_mean}")
         furthest = float(np.hypot(*middle)) + fastest
         require(furthest <= FASTEST, place, f"be at most {FASTEST:g} px/s", furthest)
     if law == "max":
@@ -293,13 +294,13 @@ def _pair(form: Uniform | Normal, place: str, names: tuple[str, str]) -> tuple[s
     return unit, first, second  # type: ignore[return-value]
 
 
-def _uniform(form: Uniform) -> tuple[str, np.ndarray, np.ndarray]:
+def _uniform(form: Uniform) -> tuple[str, np.ndarray, None]:
     place = "[speeds] uniform"
     unit, low, high = _pair(form, place, ("min", "max"))
     require(low <= high, f"{place}.max_{unit}", f"be at least min_{unit} = {low:g}", high)
     requirement = f"be at least 2, for speeds from {low:g} to {high:g}"
     require(form.count > 1 or low == high, f"{place}.count", requirement, form.count)
-    return unit, np.linspace(low, high, form.count), np.full(form.count, 1 / form.count)
+    return unit, np.linspace(low, high, form.count), None
 
 
 def _normal(form: Normal) -> tuple[str, np.ndarray, np.ndarray]:
@@ -312,21 +313,21 @@ def _normal(form: Normal) -> tuple[str, np.ndarray, np.ndarray]:
     return unit, mean + deviation * steps, density / density.sum()
 
 
-def _listed(speeds: list[float], weights: list[float] | None) -> tuple[np.ndarray, np.ndarray]:
+def _listed(
+    speeds: list[float], weights: list[float] | None
+) -> tuple[np.ndarray, np.ndarray | None]:
     count = len(speeds)
     if weights is None:
-        return np.array(speeds), np.full(count, 1 / count)
+        return np.array(speeds), None
     subject = "[speeds] weights"
     require(len(weights) == count, subject, f"be {count}, one a speed", len(weights))
     require(sum(weights) > 0, subject, "hold one above 0", weights)
     return np.array(speeds), np.array(weights)
 
 
-def _of_kind(
-    kind: type[_Kind], section: Section | None, place: str, scales: Scales
-) -> _Kind | None:
+def _of_kind(kind: type[_Kind], section: Section | None, place: str, view: View) -> _Kind | None:
     """The object whose arguments a section holds; None without the section."""
-    return None if section is None else made_of(kind, arguments_in(section, kind, place, scales))
+    return None if section is None else made_of(kind, arguments_in(section, kind, place, view))
 
 
 def _with_readout(section: SensorSection) -> SensorSection:
@@ -343,16 +344,16 @@ def _with_readout(section: SensorSection) -> SensorSection:
     return section.model_copy(update={"readout_ms": line * (rows - 1) / 1e3})  # type: ignore[operator]
 
 
-def _burst(section: BurstSection | None, scales: Scales) -> BurstMode | None:
+def _burst(section: BurstSection | None, view: View) -> BurstMode | None:
     if section is None:
         return None
     period, place = 1e3 / section.frames_per_s, "[burst] dead_time_ms"
     requirement = f"be shorter than the {period:g} ms from frame to frame"
     require(section.dead_time_ms < period, place, requirement, section.dead_time_ms)
-    return _of_kind(BurstMode, section, "[burst]", scales)
+    return _of_kind(BurstMode, section, "[burst]", view)
 
 
-def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
+def _device(section: ShutterSection, view: View) -> AbstractDevice:
     """The device that the keys stand for; times of either edge are that of the other if missing."""
     rise, fall = section.rise_ms, section.fall_ms
     lags = rise is not None or fall is not None
@@ -369,7 +370,7 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     arguments = {
         name: value
         for kind in DEVICES
-        for name, value in arguments_in(section, kind, "[shutter]", scales).items()
+        for name, value in arguments_in(section, kind, "[shutter]", view).items()
     }
     times = [arguments[name] for name in ("rise_time", "fall_time") if name in arguments]
     if times:
@@ -389,7 +390,7 @@ def _exposures(section: LimitsSection) -> list[float]:
     return wholes
 
 
-def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) -> Limits:
+def _limits(section: LimitsSection, stage: StageSection | None, view: View) -> Limits:
     shortest, longest = _exposures(section)
     requirement = f"be at least min_exposure_ms = {shortest:g}"
     require(longest >= shortest, "[limits] max_exposure_ms", requirement, longest)
@@ -398,45 +399,45 @@ def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) 
     turns = section.max_pan_deg_per_s is None or section.pans == "camera"
     requirement = 'stand beside pans = "camera": a stage does not turn'
     require(turns, "[limits] max_pan_deg_per_s", requirement, section.max_pan_deg_per_s)
-    arguments = arguments_in(section, Limits, "[limits]", scales)
+    arguments = arguments_in(section, Limits, "[limits]", view)
     stroke = arguments["max_stroke"]
     subject = f"[limits] max_stroke_{'px' if section.max_stroke_mm is None else 'mm'}"
     requirement = f"be 0, without a stage, or lie in {LEAST_STROKE:g} to 10000 px"
     require(stroke == 0 or LEAST_STROKE <= stroke <= 1e4, subject, requirement, stroke)
-    servo = _of_kind(SecondOrderStage, stage, "[stage]", scales)
+    servo = _of_kind(SecondOrderStage, stage, "[stage]", view)
     return made_of(Limits, arguments | {"stage": servo})
 
 
-def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | None:
+def _occlusion(section: OcclusionSection | None, view: View) -> Occlusion | None:
     if section is None:
         return None
-    arguments = arguments_in(section, Occlusion, "[occlusion]", scales)
+    arguments = arguments_in(section, Occlusion, "[occlusion]", view)
     is_shown = section.level_difference == 0 or "object_width" in arguments
     requirement = "stand beside object_width_px: it shows at the edges of objects alone"
     require(is_shown, "[occlusion] level_difference", requirement, section.level_difference)
     return made_of(Occlusion, arguments)
 
 
-def _objects(section: ObjectsSection | None, scales: Scales) -> Objects | None:
+def _objects(section: ObjectsSection | None, view: View) -> Objects | None:
     if section is None:
         return None
-    arguments = arguments_in(section, Objects, "[objects]", scales)
+    arguments = arguments_in(section, Objects, "[objects]", view)
     require("width" in arguments, "[objects] width_px", "be given", Unquoted("nothing"))
     return made_of(Objects, arguments)
 
 
-def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances | None:
+def _tolerances(section: TolerancesSection | None, view: View) -> Tolerances | None:
     if section is None:
         return None
     place, step = "[tolerances]", section.drive_step_us
     requirement = "be given where transmittance has an error"
     lasts = section.transmittance == 0 or step is not None
     require(lasts, f"{place} drive_step_us", requirement, Unquoted("nothing"))
-    return _of_kind(Tolerances, section, place, scales)
+    return _of_kind(Tolerances, section, place, view)
 
 
 def _motion(
-    section: MotionSection | None, limits: LimitsSection, reach: Limits, scales: Scales
+    section: MotionSection | None, limits: LimitsSection, reach: Limits, view: View
 ) -> ParabolicMotion | None:
     if section is None:
         return None
@@ -461,7 +462,7 @@ def _motion(
     requirement = "be left out where max_stroke_px = 0 says that there is no stage"
     has_stage = float(reach.max_stroke) > LEAST_STROKE or not getattr(section, form)
     require(has_stage, place, requirement, Unquoted(f"{form} = {getattr(section, form):g}"))
-    v, velocity_key = _velocity(section, limits, scales)
+    v, velocity_key = _velocity(section, limits, view)
     number, subject = getattr(section, form), f"{place} {form}"
     # The stroke of a stage that pans is more than a T^2, as which earlier versions read it.
     is_sag = not form.startswith("stroke") or v == 0 or limits.pans == "camera"
@@ -469,7 +470,7 @@ def _motion(
     requirement = f"be {sag} where the stage pans, whose stroke is more than a T^2"
     require(is_sag, subject, requirement, number)
     if form in lengths:
-        depth = number * scales.of_stage(lengths[form], subject)
+        depth = number * view.px_of_stage(lengths[form], subject)
         motion = ParabolicMotion.from_sag(depth, half_exposure=T, velocity=v)
     else:
         a = number * accelerations[form]
@@ -484,7 +485,7 @@ def _motion(
     return motion
 
 
-def _velocity(section: MotionSection, limits: LimitsSection, scales: Scales) -> tuple[float, str]:
+def _velocity(section: MotionSection, limits: LimitsSection, view: View) -> tuple[float, str]:
     """The velocity of the sensor, px/s, and its key. Only a camera turns, by degrees a second."""
     turned = section.velocity_deg_per_s
     turns = turned is None or limits.pans == "camera"
@@ -492,7 +493,7 @@ def _velocity(section: MotionSection, limits: LimitsSection, scales: Scales) -> 
     require(turns, "[motion] velocity_deg_per_s", requirement, turned)
     units = ("px_per_s", "mm_per_s", "deg_per_s")
     unit, velocity = told_in(section, "velocity", units, "[motion]")
-    of_unit = scales.of_things if unit == "deg_per_s" else scales.of_stage
+    of_unit = view.px_of_things if unit == "deg_per_s" else view.px_of_stage
     key = f"[motion] velocity_{unit}"
     return velocity * of_unit(unit, key), key
 

@@ -17,7 +17,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 
@@ -27,9 +27,10 @@ from mishutter._core.checks import (
     Unquoted,
     as_numpy,
     fields_text,
-    is_concrete,
     require,
+    require_at_least,
     require_finite,
+    require_number,
 )
 from mishutter._core.validation import Section
 from mishutter.model.arguments import argument_names
@@ -110,9 +111,7 @@ class View:
         for name in _KEYS:
             value = getattr(self, name)
             if value is not None:
-                require_finite(self._subject(name), value)
-                is_above = np.ndim(value) == 0 and value > 0
-                require(is_above, self._subject(name), "be a number above 0", value)
+                require_number(self._subject(name), value, "a number above 0", strict=True)
         ways = ("magnification", "px_per_mm", "distance")
         told = [self._bare(name) for name in ways if getattr(self, name) is not None]
         requirement = f"hold one of magnification, px_per_mm and {self._bare('distance')}"
@@ -145,7 +144,7 @@ class View:
             ValueError: if the view lacks what the unit needs.
         """
         key = _unit("View.speed", unit, SPEED_UNITS)
-        return _numbers("View.speed", value) * self._of_things(key, f"a speed in {unit}")
+        return _numbers("View.speed", value) * self.px_of_things(key, f"a speed in {unit}")
 
     def length(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Lengths of things on the sensor; px, in the shape of `value`.
@@ -158,7 +157,7 @@ class View:
             ValueError: if the view lacks what the unit needs.
         """
         key = _unit("View.length", unit, ("px", "um", "mm", "m"))
-        return _numbers("View.length", value) * self._of_things(key, f"a length in {unit}")
+        return _numbers("View.length", value) * self.px_of_things(key, f"a length in {unit}")
 
     def stage(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Lengths, speeds or accelerations of the sensor itself; in px and seconds.
@@ -172,7 +171,7 @@ class View:
             ValueError: if the unit needs the pixel pitch and there is none.
         """
         key = _unit("View.stage", unit, ("px", "px_per_s", *_METRES))
-        return _numbers("View.stage", value) * self._of_stage(key, f"a stage in {unit}")
+        return _numbers("View.stage", value) * self.px_of_stage(key, f"a stage in {unit}")
 
     def photon_rate(
         self,
@@ -195,15 +194,12 @@ class View:
                 pitch.
         """
         shares = {"quantum_efficiency": quantum_efficiency, "lens_transmission": lens_transmission}
-        for name, value in ({"f_number": f_number} | shares).items():
-            most = 1.0 if name in shares else math.inf
-            words = "above 0 and at most 1" if name in shares else "above 0"
-            subject = f"View.photon_rate({name}=...)"
-            require_finite(subject, value)
-            require(0 < value <= most, subject, f"be {words}", value)
+        require_number("View.photon_rate(f_number=...)", f_number, "above 0", strict=True)
+        for name, value in shares.items():
+            subject, bound = f"View.photon_rate({name}=...)", "above 0 and at most 1"
+            require_number(subject, value, bound, strict=True, most=1.0)
         lux = _numbers("View.photon_rate", illuminance, "illuminance")
-        is_lit = not is_concrete(lux) or bool(np.all(lux > 0))
-        require(is_lit, "View.photon_rate(illuminance=...)", "be above 0", illuminance)
+        require_at_least("View.photon_rate(illuminance=...)", lux, "above 0", strict=True)
         per_lux = self._rate_of_lux("an illuminance", f_number, lens_transmission)
         return lux * per_lux * quantum_efficiency
 
@@ -217,11 +213,11 @@ class View:
     def _bare(self, name: str) -> str:
         return name if self.keys is None else self.keys[name].split()[-1]
 
-    def _of_stage(self, unit: str, key: str) -> float:
-        """Pixels in a unit of the sensor's own way; errors name the `key` that is in it."""
+    def px_of_stage(self, unit: str, key: str) -> float:
+        """Pixels in a unit of the sensor's own way; errors name the `key` in it."""
         return 1.0 if unit.startswith("px") else _METRES[unit] / self._pitch_for(key)
 
-    def _of_things(self, unit: str, key: str) -> float:
+    def px_of_things(self, unit: str, key: str) -> float:
         """Pixels in a unit of the size or the way of things; errors name the `key` in it."""
         if unit.startswith("px"):
             return 1.0
@@ -290,35 +286,19 @@ def read_noise_from_dynamic_range(*, dynamic_range: float | int, full_well: floa
     return full_well / 10 ** (dynamic_range / 20)
 
 
-class Scales(NamedTuple):
-    """Factors that turn units of a scene file into pixels."""
-
-    pitch: float | None  # Distance of pixels; um; None where the file does not say it
-    section: ViewSection  # How large things are in the picture
-
-    @property
-    def view(self) -> View:
-        """The sections as a view, whose errors name their keys."""
-        section, pitch = self.section, self.pitch
-        return View(
-            magnification=section.magnification,
-            px_per_mm=section.px_per_mm,
-            distance=section.distance_m,
-            focal_length=None if section.focal_length_mm is None else section.focal_length_mm / 1e3,
-            pixel_pitch=None if pitch is None else pitch / 1e6,
-            keys=_KEYS,
-        )
-
-    def of_stage(self, unit: str, key: str) -> float:
-        """Pixels in a unit of the sensor's own way; the key that is in it is named in errors."""
-        return self.view._of_stage(unit, key)
-
-    def of_things(self, unit: str, key: str) -> float:
-        """Pixels in a unit of the size or the way of things, as the picture shows them."""
-        return self.view._of_things(unit, key)
+def view_of(section: ViewSection, pitch: float | None) -> View:
+    """The view of a scene file's sections, pixels of a pitch, um, whose errors name their keys."""
+    return View(
+        magnification=section.magnification,
+        px_per_mm=section.px_per_mm,
+        distance=section.distance_m,
+        focal_length=None if section.focal_length_mm is None else section.focal_length_mm / 1e3,
+        pixel_pitch=None if pitch is None else pitch / 1e6,
+        keys=_KEYS,
+    )
 
 
-def speed_of(text: str, scales: Scales, subject: str) -> float:
+def speed_of(text: str, view: View, subject: str) -> float:
     """The speed of a thing that a text gives in px/s, or with its unit; px/s."""
     *units, last = map(_text, SPEED_UNITS)
     pattern = rf"\s*(\S+?)\s*({'|'.join([*units, last])})\s*"
@@ -332,7 +312,7 @@ def speed_of(text: str, scales: Scales, subject: str) -> float:
     requirement = f"be a number of px/s, or one with its unit, as 0.9m/s: {units_text}"
     require(math.isfinite(value), subject, requirement, text)
     key = _unit(subject, unit, SPEED_UNITS)
-    speed = value * scales.of_things(key, f"{subject} in {unit}")
+    speed = value * view.px_of_things(key, f"{subject} in {unit}")
     require(abs(speed) <= FASTEST, subject, f"be at most {FASTEST:g} px/s", speed)
     return speed
 
@@ -367,7 +347,7 @@ _OTHER_NAMES = {
 """Arguments of classes that keys call otherwise."""
 
 
-def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> dict[str, Any]:
+def arguments_in(section: Section, kind: type, place: str, view: View) -> dict[str, Any]:
     """Arguments of a class that a section gives, in the units of the class."""
     values = {}
     for name, units in _quantities(type(section), kind).items():
@@ -376,7 +356,7 @@ def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> di
             value = value * _MICROMETRE
         elif value is not None and unit in _OF_LENGTH:
             is_of_things = name in ("max_pan", "object_speed", "object_width", "width")
-            of_unit = scales.of_things if is_of_things else scales.of_stage
+            of_unit = view.px_of_things if is_of_things else view.px_of_stage
             value = value * of_unit(unit, f"{place} {name}_{unit}")
         elif value is not None and unit in _DIVISORS:
             value = value / _DIVISORS[unit]
@@ -421,7 +401,7 @@ _WAYS_OF_LIGHT = {
 """Keys that say how much light there is, and those that each cannot do without."""
 
 
-def photon_rate(light: Light, scales: Scales) -> float:
+def photon_rate(light: Light, view: View) -> float:
     """Photo-electrons a second at a white pixel of an open shutter."""
     told = [way for way in _WAYS_OF_LIGHT if getattr(light, way) is not None]
     requirement = "be given, or white_e and white_ms, or illuminance_lux"
@@ -444,7 +424,7 @@ def photon_rate(light: Light, scales: Scales) -> float:
     if light.white_e is not None:
         return light.white_e / (light.white_ms * 1e-3)  # type: ignore[operator]
     key = "[light] illuminance_lux"
-    per_lux = scales.view._rate_of_lux(key, light.f_number, lens)  # type: ignore[arg-type]
+    per_lux = view._rate_of_lux(key, light.f_number, lens)  # type: ignore[arg-type]
     return light.illuminance_lux * per_lux * light.quantum_efficiency  # type: ignore[operator]
 
 

@@ -26,12 +26,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from mishutter._core.checks import Numbers, require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, safe_root
+from mishutter._core.checks import Numbers, require, require_finite, require_known, require_number
+from mishutter.model.alignment import safe_sqrt
+from mishutter.model.motion import AbstractMotion
 
 _AT_ONCE = 1e9
 """Acceleration over the least that is needed, as which any counts where none is limited."""
-_SINGLE = 1e-5
+SINGLE = 1e-5
 """Share of a number below which it is one of rounding, in single precision."""
 Number = Numbers | np.floating | float
 """One number, or many of any shape."""
@@ -228,7 +229,7 @@ def _roots(square: Numbers, linear: Numbers, constant: Numbers) -> list[Numbers]
     """The shares of a piece at which a velocity is 0, without a difference of like numbers."""
     space = _space(square, linear, constant)
     left = linear * linear - 4 * square * constant
-    root = safe_root(left)
+    root = safe_sqrt(left)
     half = -(linear + space.where(linear < 0, -root, root)) / 2
     exists = left >= 0
     return [
@@ -251,7 +252,7 @@ def run_up(
     ramp = abs(acceleration) / max_jerk
     before = velocity - acceleration * ramp / 2
     speed, sign = abs(before), space.sign(before)
-    reached = safe_root(speed * max_jerk)
+    reached = safe_sqrt(speed * max_jerk)
     if max_acceleration is not None:
         reached = space.minimum(reached, max_acceleration)
     rise = reached / max_jerk
@@ -417,11 +418,8 @@ def place_at_begin(motion: AbstractMotion) -> float:
 
 
 def _above_zero(subject: str, value: ArrayLike) -> float:
-    require_scalar(subject, value)
-    require_finite(subject, value)
-    number = float(np.asarray(value))
-    require(number > 0, subject, "be above 0", value)
-    return number
+    require_number(subject, value, "above 0", strict=True)
+    return float(np.asarray(value))
 
 
 def transfer(
@@ -455,7 +453,7 @@ def transfer(
         scale: Size of the places that the way is a difference of, for its rounding.
     """
     aside = 2 * (way - gap * (end + start) / 2)
-    if abs(aside) <= _SINGLE * max(scale, abs(way) + gap * max(abs(start), abs(end))):
+    if abs(aside) <= SINGLE * max(scale, abs(way) + gap * max(abs(start), abs(end))):
         return [Piece(gap, end)]
     least = float(gentlest(way, gap, start, end, top_speed)[0])
 

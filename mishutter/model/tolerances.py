@@ -24,7 +24,8 @@ from mishutter._core.checks import (
     require_positive_int,
 )
 from mishutter._core.modules import AbstractModule
-from mishutter.model.motion import is_known_zero, safe_root
+from mishutter.model.alignment import safe_sqrt
+from mishutter.model.motion import is_known_zero
 
 
 @final
@@ -104,7 +105,7 @@ class Tolerances(AbstractModule):
         are_concrete = all_concrete((velocity, self.speed, self.velocity))
         space = np if are_concrete else jnp
         square = space.asarray(self.speed) ** 2 + space.asarray(self.velocity) ** 2
-        speed = space.where(pans, safe_root(square).astype(square.dtype), space.asarray(self.speed))
+        speed = space.where(pans, safe_sqrt(square).astype(square.dtype), space.asarray(self.speed))
         rest = space.where(pans, space.zeros_like(square), space.asarray(self.velocity))
         numbers = tuple(as_float(x) for x in (speed, rest))
         return eqx.tree_at(lambda t: (t.speed, t.velocity), self, numbers)

@@ -24,10 +24,14 @@ from mishutter._core.checks import (
     require_at_least,
     require_finite,
     require_number,
-    require_scalar,
     shape_of,
 )
 from mishutter._core.modules import AbstractModule
+
+Directions = Float[Array | np.ndarray, "*k"]
+"""Angles of directions from the axis of the rows; rad."""
+Firsts = Float[np.ndarray, "*#k"]
+"""Shares of a step from which on components stand along each direction."""
 
 
 class Components(NamedTuple):
@@ -68,10 +72,7 @@ class AbstractVelocities(AbstractModule):
 
     @abstractmethod
     def components(
-        self,
-        direction: Float[Array | np.ndarray, "*k"],
-        num_speeds: int,
-        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+        self, direction: Directions, num_speeds: int, first: Firsts = _MIDDLE
     ) -> Components:
         r"""So many components, of a law that is no list, that stand for all of them in a mean.
 
@@ -170,8 +171,7 @@ class EvenVelocities(AbstractVelocities):
 
     def __check_init__(self) -> None:
         for name in ("along", "across", "angle"):
-            require_scalar(f"EvenVelocities({name}=...)", getattr(self, name))
-            require_finite(f"EvenVelocities({name}=...)", getattr(self, name))
+            require_number(f"EvenVelocities({name}=...)", getattr(self, name))
         subject, shape = "EvenVelocities(mean=...)", self.mean.shape
         require(shape == (2,), subject, "be two components", shape_of(self.mean))
         require_finite(subject, self.mean)
@@ -183,10 +183,7 @@ class EvenVelocities(AbstractVelocities):
             require(is_shorter, "EvenVelocities(across=...)", requirement, self.across)
 
     def components(
-        self,
-        direction: Float[Array | np.ndarray, "*k"],
-        num_speeds: int,
-        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+        self, direction: Directions, num_speeds: int, first: Firsts = _MIDDLE
     ) -> Components:
         turns = _turns(num_speeds, first)
         along, across, angle = as_numpy(self.along, self.across, self.angle)
@@ -300,10 +297,7 @@ class RingOfVelocities(AbstractVelocities):
         require_number("RingOfVelocities(speed=...)", self.speed, "above 0", strict=True)
 
     def components(
-        self,
-        direction: Float[Array | np.ndarray, "*k"],
-        num_speeds: int,
-        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+        self, direction: Directions, num_speeds: int, first: Firsts = _MIDDLE
     ) -> Components:
         (speed,) = as_numpy(self.speed)
         u = np.cos(_turns(num_speeds, first)).astype(speed.dtype)
@@ -389,10 +383,7 @@ class ListedVelocities(AbstractVelocities):
             require(moves, "ListedVelocities(velocities=...)", requirement, 0.0)
 
     def components(
-        self,
-        direction: Float[Array | np.ndarray, "*k"],
-        num_speeds: int,
-        first: Float[np.ndarray, "*#k"] = _MIDDLE,
+        self, direction: Directions, num_speeds: int, first: Firsts = _MIDDLE
     ) -> Components:
         velocities, weights = as_numpy(self.velocities, self.weights)
         space, angle = namespace_of(velocities, direction), direction.astype(velocities.dtype)

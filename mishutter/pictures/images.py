@@ -19,9 +19,8 @@ from mishutter._core.checks import (
     floating_light,
     is_concrete,
     require,
-    require_finite,
+    require_number,
     require_positive_int,
-    require_scalar,
     shape_of,
 )
 from mishutter._core.files import write_bytes
@@ -225,8 +224,7 @@ def read_captures(
     white. A TIFF holds as many captures as its axes have times, or as it has pages of full size.
     """
     path, white = Path(path), checked_white("read_captures(white=...)", white)
-    require_scalar("read_captures(black=...)", black)
-    require_finite("read_captures(black=...)", black)
+    require_number("read_captures(black=...)", black)
     files = decoded_pages(path)
     file = files[0]
     full = file.full if white is None else white
@@ -316,8 +314,7 @@ def checked_white(subject: str, white: ArrayLike | None) -> float | None:
     """A value of white as a Python float; None stays None."""
     if white is None:
         return None
-    require_scalar(subject, white)
-    require_finite(subject, white)
+    require_number(subject, white)
     require(bool(np.asarray(white) > 0), subject, "be above 0", white)
     return float(np.asarray(white))
 

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import require, require_positive_int
-from mishutter.model.scene import Scene
 from mishutter.model.shutters.kinds import shutter_from_dict
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.report.plots import (
@@ -29,7 +28,7 @@ from mishutter.report.plots import (
     shown_name,
 )
 from mishutter.sweeps.grid import OPTIMISED
-from mishutter.sweeps.trade_offs import gain_over_snapshot, is_higher_better, level_of, pareto_front
+from mishutter.sweeps.trade_offs import is_higher_better, level_of, pareto_front
 
 if TYPE_CHECKING:
     import xarray
@@ -105,13 +104,10 @@ class _Map(NamedTuple):
         return x, y
 
 
-def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
-    """Writes every picture of a sweep to a folder; returns their names."""
-    gain = gain_over_snapshot(dataset, scene)
-    level = level_of("write_pictures(dataset=...)", dataset)
-    widened = dataset.assign(gain_over_snapshot=gain)
+def write_pictures(dataset: "xarray.Dataset", level: str, folder: Path) -> list[str]:
+    """Writes every picture of a sweep and its `over_snapshot` to a folder; returns their names."""
     figures = {
-        "map.png": plot_map(widened, "gain_over_snapshot"),
+        "map.png": plot_map(dataset, "over_snapshot"),
         "pareto.png": plot_front(dataset, ("condition_number", level)),
     }
     for name, figure in figures.items():

@@ -16,6 +16,7 @@ by $b$ and $c$ follow by parts, so that a gradient costs little more than a leve
 compiles.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,7 @@ _LEAST_RANGE = 5
 """Speeds in equal steps that are a range and no list."""
 _SHIFT = 1e-5
 """Share of an exposure over which the slope of its gain is taken."""
+_nodes = lru_cache(np.polynomial.legendre.leggauss)
 _STRAIGHT = 3e-3
 """Phase by acceleration below which a piece is expanded about constant velocity; rad."""
 _NEARLY_STRAIGHT = 3e-2
@@ -48,6 +50,14 @@ _ASIDE = 20
 """Places to either side at which a picture is looked for; px."""
 _NEAR_0 = 1e-2
 """Phase by velocity below which the responses are expanded about rest; rad."""
+
+
+class Shape(NamedTuple):
+    """Sizes of frames."""
+
+    number: int  # Number of frames
+    pieces: int  # Pieces of constant acceleration in each
+    axes: int  # Axes of the stage
 
 
 class Frames(NamedTuple):
@@ -61,9 +71,52 @@ class Frames(NamedTuple):
     pan: Float[np.ndarray, "axes"]  # Velocity at which the camera turns beside the stage; px/s
 
     @property
+    def shape(self) -> Shape:
+        """Their sizes."""
+        count, ends, axes = self.velocity.shape
+        return Shape(count, ends - 1, axes)
+
+    @property
     def steps(self) -> Float[np.ndarray, "*b n 1"]:
         """Durations of the pieces of each frame; s."""
         return (self.exposure / (self.velocity.shape[-2] - 1))[..., None]
+
+    @property
+    def begins(self) -> Float[np.ndarray, "*b n"]:
+        """Time from the first light to the begin of each; s."""
+        ahead = np.cumsum(self.exposure[..., :-1] + self.gap, axis=-1)
+        return np.concatenate([0 * self.exposure[..., :1], ahead], axis=-1)
+
+    @property
+    def middles(self) -> Float[np.ndarray, "n"]:
+        """Mid-exposures, from the middle of all; s."""
+        begins = self.begins
+        return begins + self.exposure / 2 - (begins[-1] + self.exposure[-1]) / 2
+
+    @property
+    def stage(self) -> Float[np.ndarray, "*b n ends axes"]:
+        """Velocities of the stage at the ends of pieces; px/s."""
+        return self.velocity - self.pan[..., None, None, :]
+
+    @property
+    def knots(self) -> Float[np.ndarray, "*b n ends axes"]:
+        """Places of the stage there; px."""
+        stage = self.stage
+        ways = np.cumsum(self.steps[..., None] * (stage[..., 1:, :] + stage[..., :-1, :]) / 2, -2)
+        ways = np.concatenate([0 * stage[..., :1, :], ways], axis=-2)
+        return self.place[..., None, :] + ways
+
+    @property
+    def between(self) -> Float[np.ndarray, "*b gaps axes"]:
+        """Ways of the stage from the end of each to the next; px."""
+        return self.place[..., 1:, :] - self.knots[..., :-1, -1, :]
+
+    def in_line(self) -> "Frames":
+        """The same from the place 0, with a stage that speeds up evenly between them."""
+        stage, ways = self.stage, self.knots[:-1, -1] - self.place[:-1]
+        between = self.gap[:, None] * (stage[:-1, -1] + stage[1:, 0]) / 2
+        ahead = np.cumsum(ways + between, axis=0)
+        return self._replace(place=np.concatenate([0 * stage[:1, 0], ahead]))
 
 
 class Levels(NamedTuple):
@@ -83,7 +136,7 @@ class Levels(NamedTuple):
         """
         parts = in_parts(scene)
         speeds, weights = (np.asarray(x, np.float64) for x in distinct_speeds(parts, folds=False))
-        x, step = np.polynomial.legendre.leggauss(_NUM_LITERAL if literal else _NUM_FREQUENCIES)
+        x, step = _nodes(_NUM_LITERAL if literal else _NUM_FREQUENCIES)
         root, cutoff = (x + 1) / 2, min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
         # Low frequencies, at which a picture has most of its power, are dense.
         frequency, share = cutoff * root**2, 2 * cutoff * root * step

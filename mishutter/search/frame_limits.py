@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.model.limits import Limits
-from mishutter.search.frame_levels import Frames
+from mishutter.search.frame_levels import Frames, Shape
 
 _MARGIN, _MARGIN_AT_ONCE = 1e-5, 2e-3
 """Shares by which limits are kept, as a solver keeps constraints to some digits only: and by which
@@ -34,14 +34,6 @@ _TINY = 1e-9
 """Change of a velocity, over that of the fastest thing, by which nothing turns round."""
 
 Slack = list[np.ndarray]
-
-
-class Shape(NamedTuple):
-    """Sizes of frames."""
-
-    number: int  # Number of frames
-    pieces: int  # Pieces of constant acceleration in each
-    axes: int  # Axes of the stage
 
 
 class Room(NamedTuple):
@@ -154,10 +146,10 @@ class Room(NamedTuple):
     def slack(self, x: Float[np.ndarray, "*b v"], shape: Shape) -> Float[np.ndarray, "*b c"]:
         """Numbers of the order of 1 that are at least 0 within the limits."""
         frames, low = self.split(x, shape)
-        way = _Way.of(frames, self.speed)
-        every = [*self._speeds(frames, way, shape), *self._places(way, low, shape)]
+        stage, knots = frames.stage, frames.knots
+        every = [*self._speeds(frames, stage), *self._places(frames, stage, knots, low)]
         if shape.number > 1:
-            every += [*self._times(frames), *self._between(frames, way, low, shape)]
+            every += [*self._times(frames), *self._between(frames, stage, knots, low)]
         return np.concatenate([each.reshape(*x.shape[:-1], -1) for each in every], axis=-1)
 
     def _directions(self, axes: int) -> tuple[Float[np.ndarray, "axes d"], float]:
@@ -167,19 +159,20 @@ class Room(NamedTuple):
         angle = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
         return np.stack([np.cos(angle), np.sin(angle)]), float(np.cos(angle[1] / 2))
 
-    def _speeds(self, frames: Frames, way: "_Way", shape: Shape) -> Slack:
+    def _speeds(self, frames: Frames, stage: np.ndarray) -> Slack:
         """Accelerations and velocities within frames."""
-        (unit, share), rate = self._directions(shape.axes), self.acceleration
-        gain, every = np.diff(way.stage, axis=-2) @ unit, []
+        axes, rate, steps = stage.shape[-1], self.acceleration, frames.steps[..., None]
+        unit, share = self._directions(axes)
+        gain, every = np.diff(stage, axis=-2) @ unit, []
         for sign in (1, -1):
-            every.append((share * rate * way.step + sign * gain) / self.speed)
-            if unit.shape[1] > shape.axes:
+            every.append((share * rate * steps + sign * gain) / self.speed)
+            if unit.shape[1] > axes:
                 every.append((share * self.top_speed + sign * frames.velocity @ unit) / self.speed)
             if self.turns:  # the stage moves beside the camera
                 turning = np.linalg.norm(frames.pan, axis=-1)[..., None, None, None]
-                every.append((self.top_speed - turning + sign * way.stage) / self.speed)
+                every.append((self.top_speed - turning + sign * stage) / self.speed)
             elif self.max_pan < self.top_speed:
-                mean = np.mean(way.stage[..., 1:, :] + way.stage[..., :-1, :], axis=(-3, -2)) / 2
+                mean = np.mean(stage[..., 1:, :] + stage[..., :-1, :], axis=(-3, -2)) / 2
                 every.append((self.max_pan + sign * mean) / self.speed)
         return every
 
@@ -191,28 +184,35 @@ class Room(NamedTuple):
         boxes = [(0 * low, self.stroke, False)] if self.stroke < self.travel else []
         return boxes + ([(low, self.travel, True)] if np.isfinite(self.travel) else [])
 
-    def _inside(self, place: np.ndarray, low: np.ndarray, span: float, axes: int) -> Slack:
+    def _inside(self, place: np.ndarray, low: np.ndarray, span: float) -> Slack:
         """Places from `low` to `low + span`, or in the disc of that diameter."""
-        unit, share = self._directions(axes)
+        unit, share = self._directions(place.shape[-1])
         about = (place - low - span / 2) @ unit
         return [(share * span / 2 + sign * about) / self.length for sign in (1, -1)]
 
-    def _places(self, way: "_Way", low: np.ndarray, shape: Shape) -> Slack:
+    def _places(
+        self, frames: Frames, stage: np.ndarray, knots: np.ndarray, low: np.ndarray
+    ) -> Slack:
         """Places of the stage within frames, and where it begins and ends at rest."""
+        first, last = stage[..., :-1, :], stage[..., 1:, :]
+        gain, least = last - first, _TINY * self.speed
+        steep = np.where(np.abs(gain) > least, gain, least)
+        past = first * first * frames.steps[..., None] / (2 * steep)
+        # Where it turns round in a piece.
+        turns = knots[..., :-1, :] - np.where(first * last < 0, past, 0.0)
         every: Slack = []
         for begin, span, rests in self._boxes(low):
-            for place in (way.knots, way.turns):
-                every += self._inside(place, begin[..., None, None, :], span, shape.axes)
+            for place in (knots, turns):
+                every += self._inside(place, begin[..., None, None, :], span)
             if rests and self.runs_up:
-                first, last = way.stage[..., 0, 0, :], way.stage[..., -1, -1, :]
                 # Both axes run up for as long as the faster one needs.
                 size = np.linalg.norm if self.together else np.max
                 for place, velocity, sign in (
-                    (way.knots[..., 0, 0, :], first, -1),
-                    (way.knots[..., -1, -1, :], last, 1),
+                    (knots[..., 0, 0, :], stage[..., 0, 0, :], -1),
+                    (knots[..., -1, -1, :], stage[..., -1, -1, :], 1),
                 ):
                     half = size(np.abs(velocity), axis=-1, keepdims=True) / (2 * self.acceleration)
-                    every += self._inside(place + sign * velocity * half, begin, span, shape.axes)
+                    every += self._inside(place + sign * velocity * half, begin, span)
         return every
 
     def _times(self, frames: Frames) -> Slack:
@@ -222,13 +222,15 @@ class Room(NamedTuple):
         steps = frames.gap + frames.exposure[..., 1:]
         return [steps / period - 1, (self.times.window - whole)[..., None] / period]
 
-    def _between(self, frames: Frames, own: "_Way", low: np.ndarray, shape: Shape) -> Slack:
+    def _between(
+        self, frames: Frames, stage: np.ndarray, knots: np.ndarray, low: np.ndarray
+    ) -> Slack:
         """Ways from frame to frame, and where the stage turns round in between."""
         # Each axis follows a way of its own: two share limits that they keep together.
-        share = float(np.sqrt(0.5)) if self.together and shape.axes == 2 else 1.0
+        share = float(np.sqrt(0.5)) if self.together and stage.shape[-1] == 2 else 1.0
         rate, gap = share * self.acceleration, frames.gap[..., None]
-        leave, meet = own.stage[..., :-1, -1, :], own.stage[..., 1:, 0, :]
-        end, begin = own.knots[..., :-1, -1, :], own.knots[..., 1:, 0, :]
+        leave, meet = stage[..., :-1, -1, :], stage[..., 1:, 0, :]
+        end, begin = knots[..., :-1, -1, :], knots[..., 1:, 0, :]
         way, (least, most) = begin - end, self.reach(leave, meet, gap, share)
         every = [
             (rate * gap - meet + leave) / self.speed,
@@ -254,25 +256,3 @@ class Room(NamedTuple):
                     # A stage that comes to rest in the end has room to stop wherever it moves.
                     every.append(left if rests else np.maximum(left, spared))
         return every
-
-
-class _Way(NamedTuple):
-    """Velocities and places of a stage within frames."""
-
-    stage: Float[np.ndarray, "*b n j+1 axes"]  # Velocities at the ends of pieces; px/s
-    step: Float[np.ndarray, "*b n 1 1"]  # Durations of pieces; s
-    knots: Float[np.ndarray, "*b n j+1 axes"]  # Places there; px
-    turns: Float[np.ndarray, "*b n j axes"]  # Places where it turns round in a piece; px
-
-    @staticmethod
-    def of(frames: Frames, speed: float) -> "_Way":
-        """Those of frames; `speed` is the scale of velocities, px/s."""
-        stage = frames.velocity - frames.pan[..., None, None, :]
-        step = frames.steps[..., None]
-        first, last = stage[..., :-1, :], stage[..., 1:, :]
-        ways = np.cumsum(step * (first + last) / 2, axis=-2)
-        ways = np.concatenate([0 * ways[..., :1, :], ways], axis=-2)
-        knots, gain = frames.place[..., None, :] + ways, last - first
-        steep = np.where(np.abs(gain) > _TINY * speed, gain, _TINY * speed)
-        past = np.where(first * last < 0, first * first * step / (2 * steep), 0.0)
-        return _Way(stage, step, knots, knots[..., :-1, :] - past)

@@ -196,19 +196,15 @@ class RowLevels(NamedTuple):
 
     def _windows(self, frames: Frames) -> _Windows:
         """Those of frames."""
-        ends = np.cumsum(frames.exposure, axis=-1)
-        ends[..., 1:] += np.cumsum(frames.gap, axis=-1)
-        return _Windows.of(ends - frames.exposure, frames.exposure, self.readout)
+        return _Windows.of(frames.begins, frames.exposure, self.readout)
 
     def _way(self, frames: Frames) -> _Way:
         """The way of the sensor, with that of the stage between the frames and beyond them."""
-        stage = frames.velocity[..., 0] - frames.pan[..., None, :]
+        stage = frames.stage[..., 0]
         begins, ends = stage[..., 0], stage[..., 1:]
         step = np.broadcast_to(frames.steps, ends.shape)
-        ways = np.sum(step * (stage[..., :-1] + ends) / 2, axis=-1)
-        between = np.diff(frames.place[..., 0]) - ways[..., :-1]
         pair = ends[..., :-1, -1], begins[..., 1:]
-        rate, coasting = gentlest(between, frames.gap, *pair, self.room.top_speed)
+        rate, coasting = gentlest(frames.between[..., 0], frames.gap, *pair, self.room.top_speed)
         rise, fall = (abs(coasting - v) / np.maximum(rate, _TINY) for v in pair)
         gaps = rise, np.maximum(frames.gap - rise - fall, 0.0), fall
         d = _in_turn(step, np.stack(gaps, axis=-1))

@@ -21,8 +21,8 @@ from jaxtyping import Float
 from mishutter.model.exposures import Exposures
 from mishutter.model.limits import Limits
 from mishutter.model.sequences import SINE
-from mishutter.search.frame_levels import Frames, Levels
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Levels, Shape
+from mishutter.search.frame_limits import Room
 from mishutter.search.frame_rows import RowLevels
 from mishutter.search.frame_ties import BRACKETED, FOLLOW, FREE, MOST_FREE, PAN, Numbers, Tie
 
@@ -109,9 +109,9 @@ class Descent(NamedTuple):
         end = _climbed(error, start, bounds, limits, _MOST_STEPS_OF_TIE)
         return self._end(tie.kind, whole(_nearest(end, bounds, limits)))
 
-    def best(self, tie: Tie, most: int | None = None) -> End | None:
-        """The best end of descents from all starts of a tie, or from some."""
-        return best_of([self.tied(tie, start) for start in tie.starts[:most]])
+    def best(self, tie: Tie, starts: Sequence[Numbers]) -> End | None:
+        """The best end of descents from some starts of a tie."""
+        return best_of([self.tied(tie, start) for start in starts])
 
     def _end(self, kind: str, x: Point) -> End | None:
         """The frames of a point, if it is within the limits."""
@@ -272,7 +272,7 @@ class Search(NamedTuple):
         for tie in self.ties(shape):
             pieces = _PIECES_OF_SINE if tie.kind == SINE else shape.pieces
             own = tie._replace(shape=shape._replace(pieces=pieces))
-            tied.append(Descent(self.levels, self.room, own.shape).best(own))
+            tied.append(Descent(self.levels, self.room, own.shape).best(own, own.starts))
         if count > MOST_FREE or not self.is_free:
             return tied
         found = {end.kind: end for end in tied if end is not None}
@@ -345,8 +345,7 @@ def again(
     found = [best]
     for _ in range(times):
         for start in starts(best.frames):
-            count, ends, axes = start.velocity.shape
-            end = Descent(levels, room, Shape(count, ends - 1, axes)).free(start)
+            end = Descent(levels, room, start.shape).free(start)
             found += [] if end is None else [end]
         last, best = best, max(found, key=lambda end: end.level)
         if best.level < last.level + least:

@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter.model.sequences import SINE
-from mishutter.search.frame_levels import Frames
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Shape
+from mishutter.search.frame_limits import Room
 
 PAN, SWEEP, ALTERNATING, FAN, FOLLOW, SWINGS, FREE = (
     "pan",
@@ -42,9 +42,16 @@ STILLS, BRACKETED, CIRCLE, TWO_SINES, CROSSED, RING = (
 )
 """Frames at rest, and ways along two axes."""
 WAYS, WAYS_ON_TWO_AXES = (PAN, SWEEP, ALTERNATING, FAN, FOLLOW), (CIRCLE, TWO_SINES, CROSSED, RING)
-SIMPLEST_FIRST = (STILLS, BRACKETED, *WAYS, SWINGS, *WAYS_ON_TWO_AXES, FREE)
-"""The ways of frames in the plane, the simplest first."""
+SIMPLEST_FIRST = (
+    *(STILLS, BRACKETED, PAN, SWEEP, SINE, ALTERNATING, FAN, FOLLOW, SWINGS),
+    *(*WAYS_ON_TWO_AXES, FREE),
+)
+"""All ways of frames, the simplest first."""
 _OF_ONE_FRAME = STILLS, PAN, ALTERNATING, CIRCLE, TWO_SINES
+AS_GOOD = 0.05
+"""Decibels below the best at which a simpler way is preferred, and that a free path must gain."""
+MOST = 64
+"""Most frames of a search: each has a transfer function of its own."""
 MOST_FREE = 24
 """Frames up to which each has numbers of its own."""
 _FASTEST = 1.5
@@ -186,13 +193,7 @@ class Tie(NamedTuple):
 
     def _places(self, frames: Frames) -> Float[np.ndarray, "n axes"]:
         """Places of the stage at the begin of each frame, about the middle of the stroke; px."""
-        stage = frames.velocity - frames.pan
-        steps = frames.steps[..., None] * (stage[:, 1:] + stage[:, :-1]) / 2
-        knots = np.concatenate([0 * steps[:, :1], np.cumsum(steps, axis=1)], axis=1)
-        if self.kind != FOLLOW:
-            between = (stage[:-1, -1] + stage[1:, 0]) / 2 * frames.gap[:, None]
-            ahead = np.cumsum(knots[:-1, -1] + between, axis=0)
-            knots = knots + np.concatenate([0 * stage[:1, 0], ahead])[:, None]
+        knots = (frames if self.kind == FOLLOW else frames.in_line()).knots
         ends = np.max(knots, axis=(0, 1)) + np.min(knots, axis=(0, 1))
         return knots[:, 0] + (self.room.stroke - ends) / 2
 

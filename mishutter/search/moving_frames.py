@@ -25,18 +25,18 @@ from mishutter.model.motion import (
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import SINE, TimedFrame, height_of_sine
 from mishutter.model.stages import place_at_begin
-from mishutter.search.frame_levels import Frames, Levels, is_range
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Levels, Shape, is_range
+from mishutter.search.frame_limits import Room
 from mishutter.search.frame_rows import RowLevels, errors_by_rows
 from mishutter.search.frame_search import Descent, End, Search, shaken, within
 from mishutter.search.frame_ties import (
-    ALTERNATING,
+    AS_GOOD,
     BRACKETED,
-    FAN,
-    FOLLOW,
     FREE,
+    MOST,
     MOST_FREE,
     PAN,
+    SIMPLEST_FIRST,
     STILLS,
     SWEEP,
     WAYS,
@@ -45,19 +45,14 @@ from mishutter.search.frame_ties import (
 from mishutter.search.frame_words import kind_of
 
 ONE_PARABOLA = "one parabola"
-_SIMPLEST_FIRST = (STILLS, BRACKETED, PAN, SWEEP, SINE, ALTERNATING, FAN, FOLLOW, FREE)
 _OF_TELEPHONES = 0.01
 """Time within which a telephone reads its rows; s."""
-_AS_GOOD = 0.05
-"""Decibels below the best at which a simpler way is preferred."""
 _FAR = 0.5
 """Decibels below the best at which an end is not judged: levels that are told differ by less."""
 _NEARLY_WITHIN = 1.01
 """Share of the limits from which frames are slowed down rather than a camera turned."""
 _SPARED = 0.8
 """Share of the stroke of a stage that is left to it where a camera turns for no other reason."""
-_MOST = 64
-"""Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
 _STARTS_BY_ROWS = 5
@@ -88,7 +83,7 @@ def best_moving_burst(
         return None
     times, limits = FrameTimes.of(scene, scene.burst), scene.limits
     least = 2 if times.holds_several and not knowledge_of(scene).is_told else 1
-    counts = [n for n in times.numbers_of_frames if least <= n <= _MOST]
+    counts = [n for n in times.numbers_of_frames if least <= n <= MOST]
     slowest, fastest = (float(x) for x in in_parts(scene).speed_range)
     room = Room.of(limits, times, max(abs(slowest), abs(fastest)))
     moving = WAYS if limits.max_jerk is None else (PAN, SWEEP, SINE)
@@ -166,7 +161,7 @@ class _Found:
     @property
     def order(self) -> tuple[int, float]:
         """The simplest come first, and of these the best."""
-        return _SIMPLEST_FIRST.index(self.sequence.kind), -self.level
+        return SIMPLEST_FIRST.index(self.sequence.kind), -self.level
 
 
 def _spared(scene: Scene, frames: Frames) -> Frames:
@@ -176,18 +171,10 @@ def _spared(scene: Scene, frames: Frames) -> Frames:
     spares it little does not turn.
     """
     most = float(scene.limits.max_pan)
-
-    def beside(pan: Float[np.ndarray, "axes"]) -> Frames:
-        stage = frames.velocity - pan
-        ways = frames.steps * np.sum(stage[:, 1:] + stage[:, :-1], axis=1) / 2
-        between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
-        place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
-        return frames._replace(pan=pan, place=place)
-
     mean = np.clip(np.mean(frames.velocity, axis=(0, 1)), -most, most)
-    begins = np.concatenate([[0.0], np.cumsum(frames.exposure[:-1] + frames.gap)])
-    place = frames.place + begins[:, None] * frames.pan
-    every = frames._replace(pan=0 * mean, place=place), frames, beside(mean)
+    place = frames.place + frames.begins[:, None] * frames.pan
+    turned = frames._replace(pan=mean).in_line()
+    every = frames._replace(pan=0 * mean, place=place), frames, turned
     made = [sequence_of(each, FREE) for each in every]
     shares = [each.share_of(scene.limits) for each in made]
     best = 1 + int(shares[2] < shares[1])
@@ -207,10 +194,9 @@ def _by_rows(scene: Scene, found: list[_Found], search: Search) -> list[_Found]:
         each for each in found if each.sequence.moves and each.frames.exposure.size <= MOST_FREE
     ]
     for each in sorted(free, key=lambda each: -each.level)[:_STARTS_BY_ROWS]:
-        count, knots, axes = each.frames.velocity.shape
         goes_on = each.sequence.for_rows(readout, scene.limits).along.lead > 0
         rows = RowLevels(search.levels, search.room, readout, goes_on)
-        descent = Descent(search.levels, search.room, Shape(count, knots - 1, axes), rows)
+        descent = Descent(search.levels, search.room, each.frames.shape, rows)
         ends.append(descent.free(shaken(each.frames, draw, search.room, 0.01)))
     judged = (_Found.of(scene, end) for end in ends if end is not None)
     return [each.on_sensor(scene) for each in judged if each is not None]
@@ -225,7 +211,7 @@ def _chosen(scene: Scene, found: list[_Found], search: Search) -> Exposures:
     if scene.sensor.is_rolling and search.is_free:
         found += _by_rows(scene, found, search)
     top = max(each.level for each in found)
-    near = [each for each in found if each.level >= top - _AS_GOOD]
+    near = [each for each in found if each.level >= top - AS_GOOD]
     best = min(near, key=lambda each: each.order).sequence
     kind = ONE_PARABOLA if best.num_frames == 1 else kind_of(best)
     best = best.for_rows(scene.sensor.readout_time, scene.limits)
@@ -250,19 +236,15 @@ def loss_untold(scene: Scene, sequence: Exposures) -> tuple[float, float]:
     return readout, 10 * float(np.log10(lost))
 
 
-def _errors_by_rows(scene: Scene, sequence: Exposures, levels: Levels) -> Float[np.ndarray, "m l"]:
-    """Errors of frames in the mean over rows that are exposed one after another."""
-    path = path_for_rows(scene, sequence)
-    if path.jerks is None:
-        return errors_by_rows(levels, path, scene.sensor.readout_time)
-    rows = rows_of(scene, sequence, "best_moving_burst")
-    return sum((share * levels.errors_at(each) for share, each in rows), np.zeros(()))
-
-
 def _levels_by_rows(scene: Scene, sequence: Exposures) -> tuple[float, float]:
     """As `levels_of`, in the mean over rows that are exposed one after another."""
-    levels = Levels.on_axis(scene, literal=True)
-    return _mean_and_worst(levels, np.sum(_errors_by_rows(scene, sequence, levels), axis=0))
+    levels, path = Levels.on_axis(scene, literal=True), path_for_rows(scene, sequence)
+    if path.jerks is None:
+        errors = errors_by_rows(levels, path, scene.sensor.readout_time)
+    else:
+        rows = rows_of(scene, sequence, "best_moving_burst")
+        errors = sum((share * levels.errors_at(each) for share, each in rows), np.zeros(()))
+    return _mean_and_worst(levels, np.sum(errors, axis=0))
 
 
 def levels_of(scene: Scene, frames: Sequence[TimedFrame]) -> tuple[float, float]:
@@ -288,16 +270,14 @@ def _mean_and_worst(levels: Levels, by_speed: Float[np.ndarray, "l"]) -> tuple[f
 
 def sequence_of(frames: Frames, kind: str) -> Exposures:
     """Frames along one axis, with the motion and the time of each."""
-    exposure, pan = frames.exposure, float(frames.pan[0])
-    begins = np.concatenate([[0.0], np.cumsum(exposure[:-1] + frames.gap)])
-    middles = begins + exposure / 2 - (begins[-1] + exposure[-1]) / 2
-    every = []
-    for velocity, time, half, place in zip(
-        frames.velocity[..., 0], middles.tolist(), exposure / 2, frames.place[:, 0], strict=True
+    every, middles, pan = [], frames.middles.tolist(), float(frames.pan[0])
+    for velocity, time, exposure, place in zip(
+        frames.velocity[..., 0], middles, frames.exposure.tolist(), frames.place[:, 0], strict=True
     ):
-        motion, of_stage = (_motion(x, float(half)) for x in (velocity, velocity - pan))
-        begin = float(place) - float(frames.place[0, 0])
-        every.append(TimedFrame(motion, time, begin - place_at_begin(of_stage) + pan * time))
+        motion = _motion(velocity, exposure / 2)
+        # The stage is where the sensor is, less the way of a camera that turns.
+        begin = place_at_begin(motion) + pan * exposure / 2
+        every.append(TimedFrame(motion, time, float(place) - begin + pan * time))
     if kind == SINE:
         # The stage goes on along it, not straight, between frames.
         turns = 2 * height_of_sine(every[0].motion, middles[1] - middles[0])

@@ -17,7 +17,7 @@ from mishutter.evaluation.bursts import (
     some_numbers,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
-from mishutter.evaluation.fans import MEASURED, SEARCHED
+from mishutter.evaluation.fans import MEASURED, SEARCHED, Grid
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.sequences import loss_of_width, with_losses
 from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
@@ -26,8 +26,8 @@ from mishutter.model.sensor import BurstMode
 from mishutter.model.sequences import FramePath
 from mishutter.model.stages import Knots, transfer
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.search.frame_levels import Frames, Levels
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Levels, Shape
+from mishutter.search.frame_limits import Room
 from mishutter.search.frame_search import (
     Descent,
     End,
@@ -38,9 +38,11 @@ from mishutter.search.frame_search import (
     within,
 )
 from mishutter.search.frame_ties import (
+    AS_GOOD,
     BRACKETED,
     CIRCLE,
     CROSSED,
+    MOST,
     MOST_FREE,
     RING,
     SIMPLEST_FIRST,
@@ -52,12 +54,12 @@ from mishutter.search.frame_ties import (
 )
 from mishutter.search.frame_words import kind_of
 
-_AS_GOOD = 0.05
-"""Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
-_MOST = 64
-"""Most frames of a search."""
 _PIECES_OF_SINES, _PIECES_OF_FREE = 16, 16
 """Pieces of constant acceleration in all frames of two sines and of a free path, at least."""
+_PIECES_OF_ONE = 8
+"""Those of a free path over one exposure, which with more exploits what a grid leaves out."""
+_FINER, _FINER_FREE = 2, 4
+"""How many times the radii a search for one exposure has, of few numbers and of a free path."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ class _PlaneSearch(NamedTuple):
         none = BurstMode(frames_per_s=1 / longest, max_frames=1)
         times = FrameTimes.of(scene, none if scene.burst is None else scene.burst)
         least = 1 if scene.decoder_speed == "known" else 2
-        possible = [n for n in times.numbers_of_frames if n <= _MOST]
+        possible = [n for n in times.numbers_of_frames if n <= MOST]
         counts = [n for n in some_numbers(possible[-1], 4) if n in possible and n >= least]
         requirement = (
             'have a burst with time for two frames, or `decoder_speed="known"`: frames tell it'
@@ -187,9 +189,9 @@ class _PlaneSearch(NamedTuple):
             progress(0.4 + 0.2 * index / len(self.counts))
             ends += [stage.best(kind, count, most=1) for kind in WAYS_ON_TWO_AXES]
         progress(0.6)
-        if best := best_of(ends):  # at its number of frames from all starts
+        if best := best_of(ends):  # at its number of frames from the other starts too
             count = best.frames.exposure.size
-            ends += [stage.best(kind, count) for kind in WAYS_ON_TWO_AXES]
+            ends += [stage.best(kind, count, first=1) for kind in WAYS_ON_TWO_AXES]
         flat = [
             None if end is None else end._replace(frames=_on_plane(end.frames, one.unit))
             for end in along
@@ -197,7 +199,7 @@ class _PlaneSearch(NamedTuple):
         made = self._bursts(stage, ends)
         free = self._bursts(stage, stage.free(flat, ends, progress=progress))
         top = max(burst.level for burst in (*bursts, *made))
-        return made + [burst for burst in free if burst.level >= top + _AS_GOOD]
+        return made + [burst for burst in free if burst.level >= top + AS_GOOD]
 
     def _bursts(self, stage: "_Stage", ends: "Sequence[End | None]") -> list[Exposures]:
         """The best frames of each kind, fewer where more gain too little."""
@@ -205,7 +207,7 @@ class _PlaneSearch(NamedTuple):
         for end in ends:
             if end is not None:
                 before = kinds.get(end.kind)
-                if before is None or end.level > before.level + _AS_GOOD / 2:
+                if before is None or end.level > before.level + AS_GOOD / 2:
                     kinds[end.kind] = end
         every = (self._burst(stage, end) for end in kinds.values())
         return [burst for burst in every if burst is not None]
@@ -236,8 +238,7 @@ class _PlaneSearch(NamedTuple):
         top = float(self.scene.limits.max_top_speed) - float(np.hypot(*self.offset))
         room = room._replace(top_speed=min(room.top_speed, top), turns=False)
         # A single exposure exploits more of what a grid leaves out than several do together.
-        more = 2 if self.counts == [1] else 1
-        grid = SEARCHED._replace(num_radii=more * SEARCHED.num_radii)
+        grid = _finer(_FINER) if self.counts == [1] else SEARCHED
         levels = Levels.in_plane(self.scene, grid, unit, self.offset)
         return _Stage(self, unit, along, levels, room)
 
@@ -251,12 +252,14 @@ class _Stage(NamedTuple):
     levels: Levels
     room: Room
 
-    def best(self, kind: str, count: int, most: int | None = None) -> End | None:
+    def best(self, kind: str, count: int, *, first: int = 0, most: int | None = None) -> End | None:
         """The best frames of a way of few numbers, from all starts or some."""
         sines = kind in (CIRCLE, TWO_SINES)
         pieces = max(-(-_PIECES_OF_SINES // count), 1) if sines else 1
         tie = self._tie(kind, Shape(count, pieces, self.unit.shape[0]))
-        return Descent(self.levels, self.room, tie.shape).best(tie, most) if tie.exists else None
+        if not tie.exists:
+            return None
+        return Descent(self.levels, self.room, tie.shape).best(tie, tie.starts[first:most])
 
     def _tie(self, kind: str, shape: Shape) -> Tie:
         """Frames of few numbers, about the mean of the things."""
@@ -272,28 +275,34 @@ class _Stage(NamedTuple):
 
     def free(self, *ends: "Sequence[End | None]", progress: Callable[[float], None]) -> list[End]:
         """Ends of descents in which each frame has numbers of its own, from the best of each."""
-        found = []
+        found, alone = [], self.search.counts == [1]
+        levels = self._levels_on(_finer(_FINER_FREE)) if alone else self.levels
         for index, some in enumerate(ends):
             progress(0.7 + 0.2 * index / len(ends))
             best = best_of([x for x in some if x and x.frames.exposure.size <= MOST_FREE])
             if best is not None:
                 count = best.frames.exposure.size
-                shape = Shape(count, max(-(-_PIECES_OF_FREE // count), 1), 2)
-                start = _resampled(best.frames, shape.pieces)
+                pieces = _PIECES_OF_ONE if alone else max(-(-_PIECES_OF_FREE // count), 1)
+                start = _resampled(best.frames, pieces)
                 start = shaken(start, np.random.default_rng(count), self.room, 0.01)
-                found.append(Descent(self.levels, self.room, shape).free(start))
+                found.append(Descent(levels, self.room, start.shape).free(start))
         best = best_of(found)
         if best is None:
             return []
         progress(0.9)
-        return [best, *again(self.levels, self.room, best, near(self.room), times=1)]
+        if alone:  # as levels are told
+            last = Descent(self._levels_on(MEASURED), self.room, best.frames.shape)
+            return [last.free(best.frames) or best]
+        return [best, *again(levels, self.room, best, near(self.room), times=1)]
+
+    def _levels_on(self, grid: Grid) -> Levels:
+        """Levels of the same stage on another grid."""
+        return Levels.in_plane(self.search.scene, grid, self.unit, self.search.offset)
 
     def made(self, frames: Frames) -> FramePath:
         """The frames and the path of the sensor through them, in the plane."""
         count, ends, _ = frames.velocity.shape
-        step = frames.steps
-        ways = step * np.sum(frames.velocity[:, 1:] + frames.velocity[:, :-1], axis=1) / 2
-        between = frames.place[1:] - frames.place[:-1] - ways[:-1]
+        step, between = frames.steps, frames.between
         durations, velocities = [], [frames.velocity[:1, 0]]
         for k in range(count):
             durations.append(np.full(ends - 1, step[k, 0]))
@@ -304,9 +313,7 @@ class _Stage(NamedTuple):
                 durations.append(times)
                 velocities.append(values)
         path = np.concatenate(velocities) @ self.unit + self.search.offset
-        begins = np.concatenate([[0.0], np.cumsum(frames.exposure[:-1] + frames.gap)])
-        middles = begins + frames.exposure / 2 - (begins[-1] + frames.exposure[-1]) / 2
-        return FramePath(middles, frames.exposure, np.concatenate(durations), path.T)
+        return FramePath(frames.middles, frames.exposure, np.concatenate(durations), path.T)
 
     def _between(
         self, way: np.ndarray, gap: float, leave: np.ndarray, meet: np.ndarray
@@ -333,7 +340,7 @@ def _best_of_each(bursts: Sequence[Exposures]) -> tuple[Exposures, ...]:
     kept: dict[tuple[int, str, bool], Exposures] = {}
     for burst in sorted(bursts, key=lambda x: (x.num_axes, SIMPLEST_FIRST.index(x.kind))):
         before = kept.get(key := (burst.num_axes, burst.kind, bool(np.any(burst.pan))))
-        if before is None or burst.level > before.level + _AS_GOOD / 2:
+        if before is None or burst.level > before.level + AS_GOOD / 2:
             kept[key] = burst
     return tuple(kept.values())
 
@@ -352,6 +359,11 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
     return frames._replace(velocity=frames.velocity @ unit, place=place, pan=frames.pan @ unit)
 
 
+def _finer(times: int) -> Grid:
+    """The grid of searches with so many times the radii."""
+    return SEARCHED._replace(num_radii=times * SEARCHED.num_radii)
+
+
 def grid_words() -> str:
     """The computations of a search in the plane, in words."""
     radii, angles, speeds, corner = SEARCHED
@@ -360,7 +372,8 @@ def grid_words() -> str:
     return (
         f"The search tries {ways}, and from the best of them a velocity and a place of its own for "
         f"each frame, over {radii} radii x {angles} directions x {speeds} velocities and {corner} "
-        "radii of the corners, and twice the radii for one exposure alone; levels are over "
-        f"{finer}. A list of few velocities has the more directions. One filter for all velocities "
-        "is not searched: it gains nothing there."
+        f"radii of the corners. One exposure alone has {_FINER} times the radii, its free path "
+        f"{_FINER_FREE} times; levels are over {finer}, as is its last descent. A list of few "
+        "velocities has the more directions. One filter for all velocities is not searched: it "
+        "gains nothing there."
     )

@@ -174,9 +174,10 @@ def _exact_sizes(
     if space is None or set(space.free) == {"shutter"}:
         # Where a search follows, the sizes hold every speed that the motion keeps up with. So, and
         # by rounding to two sizes an octave, scenes of other speeds share a program.
-        travel, longest = Extent.of(scene, motion), 0.0 if space is None else 4 * float(motion.sag)
-        velocity = num_kept / full.num_frequencies * max(travel.velocity, longest)
-        tight = Plan.of_travel(max(travel.reach, longest), velocity)
+        reach, velocity, _ = map(float, Extent.of(scene, motion))
+        longest = 0.0 if space is None else 4 * float(motion.sag)
+        velocity = num_kept / full.num_frequencies * max(velocity, longest)
+        tight = Plan.of_travel(max(reach, longest), velocity)
         num_taps = min(num_taps, size_class(tight.num_taps))
         if only_error:
             num_nodes = min(num_nodes, size_class(tight.num_nodes))

@@ -103,13 +103,6 @@ class SearchSettings(NamedTuple):
         return plan_of_scene(*start, loss=self.loss, free=space.free).sizes
 
 
-class KnownDesign(NamedTuple):
-    """A command and a motion that a search starts from, beside its own starts."""
-
-    command: AbstractShutter
-    motion: AbstractMotion
-
-
 class Start(NamedTuple):
     """The arguments of `optimise` that define the problem of a search."""
 
@@ -117,12 +110,7 @@ class Start(NamedTuple):
     motion: AbstractMotion | None = None  # Motion to start from; None for the scene's
     shutter: AbstractShutter | None = None  # Profile to start from; None for one of free form
     free: tuple[str, ...] | None = None  # Parts that may move; None for the default
-    more: tuple[KnownDesign, ...] = ()  # Designs to start from as well
-
-    @property
-    def first_motion(self) -> AbstractMotion:
-        """The motion to start from, the scene's by default."""
-        return self.scene.motion if self.motion is None else self.motion
+    more: tuple[Design, ...] = ()  # Designs to start from as well
 
 
 class SearchFailedError(RuntimeError):
@@ -323,8 +311,7 @@ def _through_device(start: Start, settings: SearchSettings) -> Design:
     blind = best = _optimised(start._replace(scene=ideal), settings)
     if device.lags:
         relaxed = with_device(scene, device.relaxed)
-        designs = (each for each in (blind, blind.straight) if each)
-        more = tuple(KnownDesign(each.command, each.motion) for each in designs)
+        more = tuple(filter(None, (blind, blind.straight)))
         best = _optimised(start._replace(scene=relaxed, more=more), settings)
     if device.levels is not None:
         best = _of_levels(scene, (best, blind), start.free, settings)
@@ -440,7 +427,7 @@ def free_by_default(
 
 def _searched(start: Start, settings: SearchSettings) -> list[Design]:
     """The best design, and where the acceleration may move the best without acceleration."""
-    frame = start.first_motion
+    frame = start.scene.motion if start.motion is None else start.motion
     shutter, names, more = start.shutter, start.free or (), start.more
     scene, motion = search_frame(start.scene, frame, names)
     if shutter is None:
@@ -472,7 +459,7 @@ def _best_of_space(
     space: DesignSpace,
     plan: Plan,
     settings: SearchSettings,
-    more: tuple[KnownDesign, ...],
+    more: tuple[Design, ...],
 ) -> Design:
     """The best design of a space: minimised from the lowest starts, polished and certified."""
     max_steps, space = settings.max_steps, space.holding(each.motion for each in more)
@@ -583,7 +570,7 @@ def _starts(
     space: DesignSpace,
     scene: Scene,
     settings: SearchSettings,
-    more: tuple[KnownDesign, ...],
+    more: tuple[Design, ...],
 ) -> _Starts:
     """Starts of the search of a space."""
     has_spline = bool(space.num_profile_coordinates) and isinstance(space.shutter, SplineShutter)

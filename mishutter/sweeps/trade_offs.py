@@ -136,7 +136,12 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     # A light that was selected is a coordinate without a dimension.
     lights = {axis: np.asarray(psnr[axis]) for axis in _LIGHT if axis in psnr.coords}
     best = best_snapshots(scene, lights.get("photon_rate"), lights.get("read_noise"), level=name)
-    level = best[name].isel({axis: 0 for axis in _LIGHT if axis not in psnr.dims}, drop=True)
+    return over_snapshots(psnr, best[name])
+
+
+def over_snapshots(psnr: "xarray.DataArray", best: "xarray.DataArray") -> "xarray.DataArray":
+    """Level of every point over that of `best_snapshots` under its light; dB."""
+    level = best.isel({axis: 0 for axis in _LIGHT if axis not in psnr.dims}, drop=True)
     gain = _gain(psnr, level)
     return gain.assign_attrs(long_name="gain over best snapshot", units="dB")
 

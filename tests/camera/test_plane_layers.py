@@ -18,8 +18,8 @@ from mishutter import (
     simulate_frames,
     write_layers,
 )
-from mishutter.camera.plane_frames import aperture_on
 from mishutter.camera.plane_layers import _reach
+from mishutter.camera.responses import aperture_on
 from mishutter.evaluation.instants import Instants
 
 SCENE = scene_of("A")

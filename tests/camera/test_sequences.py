@@ -21,7 +21,6 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
-from mishutter.camera.sequences import furthest
 from mishutter.evaluation.instants import Instants
 
 SCENE = Scene.uniform(max_speed=2600.0, photon_rate=7e4, read_noise=6)
@@ -133,8 +132,8 @@ def test_the_furthest_displacement_is_that_of_the_speed():
     """Where the sensor goes with a thing, one of the other direction is displaced further."""
     time = np.array([-0.01, 0.03])
     nodes = Instants(time[None], 700.0 * time[None, None], np.full((1, 2), 0.5), np.array([0.05]))
-    assert furthest(nodes, [700.0]) == pytest.approx(0.0, abs=1e-12)
-    assert furthest(nodes, [-400.0, 100.0]) == pytest.approx(1100 * 0.03)
+    assert nodes.reach(np.array([[700.0]]))[0] == pytest.approx(0.0, abs=1e-12)
+    assert nodes.reach(np.array([[-400.0], [100.0]]))[0] == pytest.approx(1100 * 0.03)
 
 
 def test_a_picture_that_moves_along_its_columns():

@@ -273,12 +273,12 @@ def test_the_best_of_a_sweep_is_told_in_whole_exposures(as_json, monkeypatch, ca
         "best_points": lambda gains: {"expected_psnr": point},
         "best_snapshots": lambda *_, **__: found,
         "gain_over": lambda *_: gain,
-        "gain_over_snapshot": lambda *_: gain,
+        "over_snapshots": lambda *_: gain,
         "level_of": lambda *_: "expected_psnr",
     }
     for name, function in made.items():
         monkeypatch.setattr(f"mishutter.sweeps.trade_offs.{name}", function)
-    dataset = xarray.Dataset({"outside": ("point", [0, 2, 0])})
+    dataset = xarray.Dataset({"outside": ("point", [0, 2, 0]), "expected_psnr": 27.0})
     sweep_command._deliver(dataset, scene, None, as_json)
     out = capsys.readouterr().out
     if not as_json:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mishutter import FreeMotion, PlaneFrames, Scene, Sensor, TimedFrame
+from mishutter.camera.responses import frequencies_along
 from mishutter.camera.rows import counted_in
 from mishutter.decoding.frame_likelihood import Own, Prior, slope_at
-from mishutter.decoding.likeliest import frequencies_along
 from mishutter.decoding.rolling import RowTimes
 
 NOISES = np.array([2e-2, 5e-3, 1e-2])

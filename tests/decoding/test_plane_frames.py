@@ -25,7 +25,7 @@ from mishutter import (
     restore_frames,
     simulate_frames,
 )
-from mishutter.camera.plane_frames import aperture_on, responses_in_plane
+from mishutter.camera.responses import aperture_on, waves_of
 from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.frame_velocity import VelocityEstimate, _Burst, velocity_of_frames
 from mishutter.decoding.likeliest import fit_of, noises_of
@@ -49,7 +49,7 @@ def a_field(frames: PlaneFrames, velocity: np.ndarray, size: int, seed: int, sce
     power = Prior(SCENE).on(shape)
     field = np.fft.irfft2(np.fft.rfft2(rng.normal(size=shape)) * np.sqrt(power), shape)
     instants = Instants.of(frames, float(np.hypot(*velocity)))
-    responses = responses_in_plane(instants, velocity, shape) * aperture_on(SCENE.optics, shape)
+    responses = waves_of(instants, velocity[None], shape)[:, 0] * aperture_on(SCENE.optics, shape)
     seen = np.fft.irfft2(np.fft.rfft2(field) * responses, shape)
     noises = noises_of(scene, frames.exposures, 0.25)[:, None, None]
     middle = slice(size // 2, size // 2 + size)

@@ -16,7 +16,7 @@ from mishutter import (
     evaluate,
     exposures_psnr,
 )
-from mishutter.evaluation.bursts import StillBursts, best_still_burst
+from mishutter.evaluation.bursts import FrameTimes, StillBursts, best_still_burst
 from mishutter.search.moving_frames import ONE_PARABOLA, best_moving_burst
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
@@ -45,7 +45,7 @@ def errors_of_stills(num_frames, exposure, scene, num_frequencies=2048):
 def test_the_best_still_burst_is_the_best(max_frames):
     """Its frames, its exposure and its level; one frame alone need not wait for the next."""
     scene = _scene(burst=BurstMode(frames_per_s=240.0, max_frames=max_frames))
-    burst = StillBursts(scene).best(240.0, max_frames=max_frames)
+    burst = StillBursts(scene).best_within(FrameTimes.of(scene, scene.burst))
     found = [
         minimize_scalar(
             lambda x, n=n: np.mean(errors_of_stills(n, x, scene)),
@@ -137,7 +137,7 @@ def test_a_burst_that_is_none(name, value, requirement):
 def test_stills_have_the_level_of_the_formula_of_all_frames(rate):
     """The closed form of a camera at rest is the response that every other frame has."""
     scene = _scene(burst=None, sensor=Sensor(full_well=90.0))
-    best = StillBursts(scene).best(rate)
+    best = StillBursts(scene).best_within(FrameTimes.of(scene, BurstMode(frames_per_s=rate)))
     still = StillCamera(half_exposure=best.exposure / 2)
     level = exposures_psnr(scene, [TimedFrame(still, 0.0)] * best.num_frames)
     assert best.psnr == pytest.approx(float(level), abs=1e-4)
@@ -160,7 +160,7 @@ def test_a_second_exposure_never_hurts():
     gains = []
     for layers in (None, Occlusion(front_share=0.37)):
         scene = _scene(burst=BurstMode(frames_per_s=110.0, max_frames=4), occlusion=layers)
-        equal = StillBursts(scene).best(110.0, max_frames=4)
+        equal = StillBursts(scene).best_within(FrameTimes.of(scene, scene.burst))
         burst = best_still_burst(scene)
         gains.append(burst.psnr - equal.psnr)
         assert burst.psnr == pytest.approx(float(exposures_psnr(scene, burst.frames)), abs=1e-3)
@@ -201,7 +201,12 @@ def test_fewer_and_longer_stills_are_best_in_the_dark():
     light = {"photon_rate": 2e3, "read_noise": 6.0}
     scene = _scene(burst=BurstMode(frames_per_s=900.0), **light)
     bursts = StillBursts(scene)
-    found = bursts.best(900.0)
-    levels = {n: bursts.best(n / 0.04 * (1 - 1e-9), max_frames=n).psnr for n in range(1, 37)}
+
+    def best(rate, most=None):
+        given = BurstMode(frames_per_s=rate, max_frames=most)
+        return bursts.best_within(FrameTimes.of(scene, given))
+
+    found = best(900.0)
+    levels = {n: best(n / 0.04 * (1 - 1e-9), n).psnr for n in range(1, 37)}
     assert found.num_frames < 36
     assert found.psnr == pytest.approx(max(levels.values()), abs=1e-4)

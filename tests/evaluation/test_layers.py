@@ -428,8 +428,8 @@ def test_errors_of_no_size_cost_nothing():
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        ({"front_share": 1.2}, r"`Occlusion\(front_share=...\)` must be at most 1; got 1.2"),
-        ({"front_share": -0.1}, r"must be at least 0; got -0.1"),
+        ({"front_share": 1.2}, r"`Occlusion\(front_share=...\)` must be from 0 to 1; got 1.2"),
+        ({"front_share": -0.1}, r"must be from 0 to 1; got -0.1"),
         ({"front_share": 0.3, "object_width": 0.0}, r"must be above 0 px; got 0"),
         ({"front_share": 0.3, "level_difference": np.inf}, r"must be finite; got inf"),
     ],

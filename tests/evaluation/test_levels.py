@@ -52,6 +52,19 @@ NUMBERS = (
 )
 
 
+def test_a_path_of_which_some_numbers_are_traced_has_the_level_of_known_ones():
+    """Times may be of NumPy beside velocities that `jax.jit` traces."""
+    times, exposures = np.array([-0.021, 0.017]), np.array([0.0103, 0.0071])
+    durations, velocities = np.array([0.011, 0.03, 0.00867]), np.array([[-90.0, 140.0, 20.0, 75.0]])
+
+    def level(velocities):
+        frames = PlaneFrames(times, exposures, durations, velocities)
+        return exposures_psnr(SCENE, frames, num_panels=12)
+
+    traced = jax.jit(level)(velocities)
+    assert float(traced) == pytest.approx(float(level(velocities)), abs=1e-9)
+
+
 def test_a_level_has_the_slopes_of_differences_by_every_number_of_every_frame():
     """On an axis, of frames of all kinds; NumPy and JAX have the same level."""
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.bad_drives import HALF_MS, STEPS, table
 from support.designs import MOTION, SCENE
 from support.drive import a_design
 
@@ -305,3 +306,15 @@ def test_positions_that_leave_their_path_are_refused(tmp_path):
                 continue
             with pytest.raises(ValueError, match=f"move the sensor {words}"):
                 read_drive(tmp_path / "mine.npy", motion, **told)
+
+
+def test_a_column_that_nothing_reads_may_be_anything(tmp_path):
+    """A table with a column of one's own beside those of `export` is read as without it."""
+    rows = {k: f"{-HALF_MS + 2 * HALF_MS * k / STEPS:.9g},0.5,{k % 7}" for k in range(STEPS)}
+    places = tmp_path / "plain.csv", tmp_path / "own.csv"
+    places[0].write_text(table())
+    places[1].write_text(table(rows, names="begin,transmittance,lamp", units="ms,1,A"))
+    motion = ParabolicMotion(acceleration=1e5, half_exposure=HALF_MS * 1e-3)
+    plain, own = (read_drive(place, motion) for place in places)
+    np.testing.assert_array_equal(own.shutter.transmittances, plain.shutter.transmittances)
+    assert own.motion is plain.motion is motion

@@ -9,8 +9,8 @@ from mishutter import BurstMode, Limits, Scene, Sensor
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.levels import rows_of
 from mishutter.search import moving_frames
-from mishutter.search.frame_levels import Frames, Levels
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Levels, Shape
+from mishutter.search.frame_limits import Room
 from mishutter.search.frame_rows import RowLevels, errors_by_rows
 from mishutter.search.frame_search import Descent
 from mishutter.search.frame_ties import FREE

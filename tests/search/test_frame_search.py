@@ -24,8 +24,8 @@ from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.sequences import FramePath
 from mishutter.search import frame_search, moving_frames, plane_frames
-from mishutter.search.frame_levels import Frames, Levels
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Levels, Shape
+from mishutter.search.frame_limits import Room
 from mishutter.search.frame_search import Descent, End, Search, changed, one_by_one, reordered
 from mishutter.search.frame_ties import (
     ALTERNATING,
@@ -269,7 +269,7 @@ def test_free_frames_begin_with_flights_back_and_with_one_long_exposure(levels, 
     def ties_of(shape):
         return [Tie(kind, room, shape, -700.0, 2400.0, np.ones(1), np.zeros(1)) for kind in ties]
 
-    def best(self, tie):
+    def best(self, tie, starts_of_tie):
         return End(tie.kind, _frames(3, 2, seed=ties.index(tie.kind)), 20.0 - ties.index(tie.kind))
 
     def free(self, frames):
@@ -574,7 +574,7 @@ def test_more_frames_and_free_ones_are_taken_where_they_gain_enough(monkeypatch)
     named = {TWO_SINES: 26.0, RING: 25.0}
     for gain, number in ((0.049, 0), (0.051, 1)):
 
-        def best(self, kind, count, most=None):
+        def best(self, kind, count, **some):
             return End(kind, _frames(count, 1, 2), named[kind]) if kind in named else None
 
         monkeypatch.setattr(plane_frames._Stage, "best", best)

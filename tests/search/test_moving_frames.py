@@ -23,8 +23,8 @@ from mishutter.evaluation.bursts import FrameTimes, best_still_burst
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.sequences import SINE
 from mishutter.model.stages import Knots, extent, transfer
-from mishutter.search.frame_levels import Frames, Levels, chirps
-from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_levels import Frames, Levels, Shape, chirps
+from mishutter.search.frame_limits import Room
 from mishutter.search.frame_ties import ALTERNATING, FOLLOW, FREE, PAN, SWEEP, SWINGS, Tie
 from mishutter.search.frame_words import kind_of
 from mishutter.search.moving_frames import best_moving_burst, levels_of, sequence_of

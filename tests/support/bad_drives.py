@@ -42,31 +42,39 @@ DRIVES = {
     "prose": (
         "d.csv",
         "once upon a time\n",
-        "must be a drive table in csv, with columns begin",
+        "must be a drive table in csv, with one column begi",
     ),
     "wrong-unit": (
         "d.csv",
         table(units="s,1"),
         "must have `begin` in ms by its second line; got 's'",
     ),
-    "no-units": ("d.csv", "begin,transmittance\n", "must have a line of units below its names"),
-    "short-units": ("d.csv", table(units="ms"), "must have a unit for each column in its second "),
+    "no-units": (
+        "d.csv",
+        "begin,transmittance\n",
+        "have `begin` in ms by its second line; got ''",
+    ),
+    "short-units": (
+        "d.csv",
+        table(units="ms"),
+        "have `transmittance` in 1 by its second line",
+    ),
     "unknown-column": (
         "d.csv",
         table(names="begin,transmittence"),
-        "must have columns of begin, wanted_transmittance",
+        "must be a drive table in csv, with one column begin and one tra",
     ),
     "column-missing": (
         "d.csv",
         table(names="begin,level"),
-        "must have a column of the name transmittance; got begin,level",
+        "one column begin and one transmittance, or npy; got 'begin,level'",
     ),
     "column-twice": (
         "d.csv",
         table(names="begin,begin"),
-        "must have each column once; got 'begin'",
+        "one column begin and one transmittance, or npy; got 'begin,begin'",
     ),
-    "unordered": ("d.csv", table({5: "-8,0.5"}), "must have equal steps without a gap, 11 from -1"),
+    "unordered": ("d.csv", table({5: "-8,0.5"}), "must have equal steps without a gap, 12 from -1"),
     "gap": (
         "d.csv",
         table({7: None}),

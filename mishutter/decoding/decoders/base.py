@@ -18,8 +18,8 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.modules import AbstractModule
 from mishutter._core.parallel import alone_in_blas
 from mishutter.camera.capture import captured_response, captured_responses_below, kernel_layout
+from mishutter.camera.responses import aperture_on, waves_of
 from mishutter.camera.rows import blur_length
-from mishutter.camera.sequences import responses_of_frames
 from mishutter.evaluation.found_speed import open_time, smear_difference
 from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.layers import Background, LayerMoments
@@ -42,9 +42,10 @@ class CompleteFrames:
 
     def density(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
         r"""Signal by noise of that capture, $\sum_k |A_k|^2/N_k$, in the mean over rows."""
-        speed = np.array([self.speed])
-        each = [responses_of_frames(one, speed, optics, length)[0] for one in self.nodes]
-        return np.mean([density_of(one, self.noises) for one in each], axis=0)
+        velocity, shape = np.array([[self.speed]]), (length,)
+        each = [waves_of(one, velocity, shape)[:, 0] for one in self.nodes]
+        density = np.mean([density_of(one, self.noises) for one in each], axis=0)
+        return density * aperture_on(optics, shape) ** 2
 
     def response(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
         """The square root of that over its value at 0."""

@@ -25,7 +25,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Int
 
-from mishutter.camera.plane_frames import frequencies_on
+from mishutter.camera.responses import frequencies_on
 from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import mean_over_dft

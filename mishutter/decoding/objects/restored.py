@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from mishutter._core.checks import Unquoted, require
 from mishutter.camera.layers import Layer, Layers
-from mishutter.camera.plane_frames import aperture_on
+from mishutter.camera.responses import aperture_on
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import EnsembleDecoder
 from mishutter.decoding.decoders.plug_and_play import PlugAndPlayDecoder

@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import comb
-from typing import ClassVar, TypeVar, final
+from typing import Any, ClassVar, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -17,11 +17,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core.checks import (
+    Numbers,
     Unquoted,
     all_concrete,
     as_float,
     common_dtype,
     device_constant,
+    namespace_of,
     require,
     require_finite,
     shape_of,
@@ -29,7 +31,6 @@ from mishutter._core.checks import (
 from mishutter._core.compiling import outside_trace
 from mishutter._core.modules import AbstractModule
 
-Numbers = Array | np.ndarray
 Length = TypeVar("Length", Array, np.ndarray)
 Offsets = Inexact[Array | np.ndarray, "pieces *offsets"]
 Values = Num[Array | np.ndarray, "pieces *offsets"]
@@ -453,9 +454,9 @@ def above_zero(length: Length) -> Length:
     return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
-def polynomial(coefficients: Sequence[ArrayLike] | Array, x: Array | np.ndarray) -> Array:
+def polynomial(coefficients: Sequence[ArrayLike] | Numbers, x: Any) -> Any:
     """A polynomial by its coefficients, the highest first."""
-    total = jnp.asarray(coefficients[0], x.dtype)
+    total = namespace_of(x).asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:
         total = total * x + coefficient
     return total

@@ -11,9 +11,9 @@ from mishutter._core.checks import (
     as_array_like,
     as_float,
     common_dtype,
-    is_concrete,
     namespace_of,
     require,
+    require_at_least,
     shape_of,
 )
 from mishutter.model.shutters.base import (
@@ -56,9 +56,7 @@ class ChippedShutter(AbstractAdjustableShutter):
         subject, chips = "ChippedShutter(transmittances=...)", self.transmittances
         one_row = chips.ndim == 1 and chips.size >= 1
         require(one_row, subject, "be one row of at least one chip", shape_of(chips))
-        if is_concrete(chips):
-            values = np.asarray(chips)
-            require(bool(np.all((values >= 0) & (values <= 1))), subject, "lie in [0, 1]", chips)
+        require_at_least(subject, chips, "from 0 to 1", most=1.0)
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, common_dtype(self.transmittances, tau))

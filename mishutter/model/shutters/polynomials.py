@@ -2,14 +2,20 @@
 
 import math
 from functools import lru_cache
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from numpy.polynomial import chebyshev
 
-from mishutter._core.checks import all_concrete, device_constant, is_concrete, namespace_of
+from mishutter._core.checks import (
+    all_concrete,
+    as_array_like,
+    device_constant,
+    is_concrete,
+    namespace_of,
+)
 from mishutter._core.compiling import compiled, is_tracing, outside_trace
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
@@ -40,11 +46,17 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
-        ends, tau = self.ends, jnp.asarray(tau, self.powers.dtype)
-        piece = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
-        powers = [looked_up(power, piece) for power in self.powers.T]
-        value = polynomial(powers, (tau - ends[piece]) / self._lengths()[piece] - 0.5)
-        return within_exposure(tau, jnp.clip(value, 0, 1))
+        tau = jnp.asarray(tau, self.powers.dtype)
+        return within_exposure(tau, self.within(tau))
+
+    def within(self, tau: Any) -> Any:
+        """Transmittance at times within the exposure; by NumPy of a known one at known times."""
+        ends, powers = (as_array_like(tau, x) for x in (self.ends, self.powers))
+        space = namespace_of(tau, ends, powers)
+        piece = space.clip(space.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
+        share = (tau - ends[piece]) / space.diff(ends)[piece] - 0.5
+        value = polynomial([power[piece] for power in powers.T], share)
+        return space.clip(value, 0, 1)
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return self.ends.astype(dtype)
@@ -63,21 +75,11 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def _lengths(self) -> Array:
         return jnp.diff(self.ends)
 
-    def known_at(self, tau: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times"]:
-        """Transmittance at times within the exposure, where it is known."""
-        ends = np.asarray(self.ends)
-        piece = np.clip(np.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
-        share = (tau - ends[piece]) / self._known_lengths()[piece] - 0.5
-        return np.clip(np.polyval(np.asarray(self.powers).T[:, piece], share), 0, 1)
-
     def known_efficiency(self) -> float:
         """The efficiency, where it is known: exactly 1 of a shutter that is open throughout."""
         order = np.arange(self.powers.shape[1])[::-1]
         means = np.asarray(self.powers) @ np.where(order % 2, 0.0, 0.5**order / (order + 1))
-        return math.fsum((self._known_lengths() * means).tolist()) / 2
-
-    def _known_lengths(self) -> np.ndarray:
-        return np.diff(np.asarray(self.ends, self.powers.dtype))
+        return math.fsum((np.diff(self.ends) * means).tolist()) / 2
 
 
 def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseShutter:
@@ -108,7 +110,7 @@ def profile_of(
     if not isinstance(form, PolynomialShutter):
         transmittance, efficiency = _profile_of(shutter, tau)
         return np.asarray(transmittance), float(efficiency)
-    return form.known_at(tau), form.known_efficiency()
+    return form.within(tau), form.known_efficiency()
 
 
 @compiled
