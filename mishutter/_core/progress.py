@@ -89,14 +89,14 @@ class Counter:
 
     @property
     def place(self) -> str:
-        """The part that the work is at, as "best Tukey, 3 of 8"."""
+        """The part that the work is at, as "best Tukey, 3 of 8"; by its name where it is all."""
         with self._lock:
             count = f"{min(self.done + bool(self._running), self.total)} of {self.total}"
             name = self._running[0] if self._running else self._message
             # A share that stays says less than why.
             shows = name in self._shares and not self._is_stuck
             name += f" {self._shares[name]:.0%}" if shows else ""
-        return f"{name}, {count}" if name else count
+        return f"{name}, {count}" if name and self.total > 1 else name or count
 
     @property
     def _is_stuck(self) -> bool:

@@ -15,6 +15,7 @@ import os
 import tempfile
 import warnings
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -306,35 +307,29 @@ def _stored_attributes(path: Path) -> dict[str, Any]:
 
 
 def _check_same(stored: dict[str, object], current: dict[str, object], path: Path) -> None:
-    """Refuse a store of another sweep, by the first part that differs."""
-    for name in current:
-        if not _are_same(stored.get(name), current[name]):
-            got, want = (_short(x) for x in _first_difference(stored.get(name), current[name]))
-            words = name.replace("_", " ")
-            raise ValueError(
-                f"`{_SUBJECT}` must hold the same sweep, with {words}: {want}; got {got} "
-                f"in '{path}'."
-            )
-
-
-def _are_same(stored: object, current: object) -> bool:
-    """Whether two descriptions say the same.
+    """Refuse a store of another sweep, by the first part that differs.
 
     An argument that an earlier version did not have is one that is not given.
     """
-    if isinstance(stored, dict) and isinstance(current, dict):
-        return all(_are_same(stored.get(x), current.get(x)) for x in {**current, **stored})
-    return stored == current
+    theirs = dict(_leaves({name: stored.get(name) for name in current}))
+    ours = dict(_leaves(current))
+    for place in {**ours, **theirs}:
+        want, got = ours.get(place), theirs.get(place)
+        if want != got:
+            words = ", ".join([place[0].replace("_", " "), *place[1:]])
+            raise ValueError(
+                f"`{_SUBJECT}` must hold the same sweep, with {words}: {_short(want)}; got "
+                f"{_short(got)} in '{path}'."
+            )
 
 
-def _first_difference(stored: object, current: object) -> tuple[object, object]:
-    """The innermost parts in which two descriptions differ."""
-    if isinstance(stored, dict) and isinstance(current, dict):
-        for key in {**current, **stored}:
-            if not _are_same(stored.get(key), current.get(key)):
-                inner = _first_difference(stored.get(key), current.get(key))
-                return tuple(f"{key}: {x}" if isinstance(x, str) else {key: x} for x in inner)  # type: ignore[return-value]
-    return stored, current
+def _leaves(value: object, *place: str) -> Iterator[tuple[tuple[str, ...], object]]:
+    """The parts of a description that are no tables, each behind the names that lead to it."""
+    if isinstance(value, dict):
+        for name, part in value.items():
+            yield from _leaves(part, *place, name)
+    else:
+        yield place, value
 
 
 def _short(value: object) -> str:

@@ -81,6 +81,17 @@ def test_a_counter_names_what_it_is_at():
     assert in_turn.place == "50% still, 1 of 2"
     in_turn.next("70% still")
     assert in_turn.place == "70% still, 2 of 2"
+    in_turn.next("one that was not counted")
+    assert in_turn.place == "one that was not counted, 2 of 2"
+
+
+def test_work_of_one_part_is_told_by_its_name():
+    """A count of 1 of 1 would say that it is done."""
+    counter = Counter(1)
+    counter.began("ways of the stage")
+    counter.within("ways of the stage", 0.47)
+    assert counter.place == "ways of the stage 47%"
+    assert Counter(1).place == "0 of 1"
 
 
 def test_a_counter_that_stays_says_why(monkeypatch):

@@ -304,7 +304,7 @@ def test_progress_counts_what_was_found(tmp_path):
 
 OTHERS = {
     "accelerations": ({"accelerations": [1e4, 2e4]}, "with accelerations: [10000.0, 20000.0]"),
-    "shutters": ({"shutters": {"rect": GaussianShutter(0.3)}}, "with shutters: "),
+    "shutters": ({"shutters": {"rect": GaussianShutter(0.3)}}, "with shutters, rect, "),
     "metrics": ({"metrics": ["efficiency"]}, "with metrics: ['efficiency']"),
 }
 
