@@ -276,6 +276,7 @@ def _subject(
 ) -> "Picture | Layers | Footage":
     from mishutter.camera.footage import read_frames
     from mishutter.camera.layers import is_layers_file, read_layers
+    from mishutter.pictures.files import VIDEO_SUFFIXES
     from mishutter.pictures.images import read_picture
 
     if path is None or is_layers_file(path):
