@@ -268,6 +268,9 @@ def test_a_folder_holds_the_frames(burst_desk, capsys):
     assert re.search(r"Speed\s+frames +px/s", out)
     assert re.search(r"f2.png to f10.png +900, as told +not trusted, but used", out)
     assert "warning: f2.png to f10.png: " in err
+    assert cli.main([*command, "--speed", "90000"]) == 2
+    first, *_ = capsys.readouterr().err.splitlines()
+    assert first.startswith("warning: --speed is 90000 px/s; the scene's are")
     (folder / "empty").mkdir()
     line = refused(capsys, "restore", "empty", *command[2:])
     assert "`CAPTURE` must be a folder with pictures as PNG, JPEG" in line
