@@ -65,15 +65,16 @@ def as_array_like(value: object, parameter: Any) -> Any:
     return np.asarray(parameter) if is_numpy else parameter
 
 
-def common_dtype(*values: RowLike) -> np.dtype:
-    """Floating dtype of JAX that the arrays among `values` share; its default without any.
+def common_dtype(*values: PyTree) -> np.dtype:
+    """Floating dtype of JAX that the arrays in some trees share; its default without any.
 
     Python numbers adapt to the arrays beside them, and a mix of precisions widens, also under
     strict promotion. Half precision counts as single, because no integral of this package is
     accurate in it, and extended precision as double. The order of bytes, which differs in FITS
     files, does not matter.
     """
-    dtypes = [np.dtype(v.dtype) for v in values if isinstance(v, np.ndarray | np.generic | Array)]
+    kinds = np.ndarray | np.generic | Array
+    dtypes = [np.dtype(x.dtype) for x in jax.tree.leaves(values) if isinstance(x, kinds)]
     floating = [d for d in dtypes if jnp.issubdtype(d, jnp.floating)]
     if not floating:
         return np.dtype(jnp.result_type(float))

@@ -10,7 +10,6 @@ derivatives are those of the formulae. `docs/derivation.md` draws the geometry.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
@@ -122,7 +121,7 @@ def aligned_kernel(
 
     With `any_vertex` it begins at the vertex of a parabola, which may lie beyond the exposure.
     """
-    dtype = _dtype(shutter, motion, speed, phase)
+    dtype = common_dtype(shutter, motion, speed, phase)
     edges = jnp.arange(num_taps + 1, dtype=dtype) + jnp.asarray(phase, dtype)
     numbers = jnp.asarray(speed, dtype), edges, jnp.asarray(from_lowest)
     return _exposure(piecewise(shutter), motion, *numbers, any_vertex=any_vertex)
@@ -165,13 +164,9 @@ def binned_exposure(
     if is_concrete(edges):
         ascending = bool(np.all(np.diff(np.asarray(edges)) >= 0))
         require(ascending, subject, "ascend", edges)
-    dtype = _dtype(shutter, motion, speed, edges)
+    dtype = common_dtype(shutter, motion, speed, edges)
     speed, row = jnp.asarray(speed, dtype), jnp.asarray(edges, dtype)
     return _exposure(piecewise(shutter), motion, speed, row, jnp.asarray(False))
-
-
-def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -> np.dtype:
-    return common_dtype(*jax.tree.leaves((shutter, motion)), *values)
 
 
 @eqx.filter_jit

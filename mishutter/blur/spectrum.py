@@ -127,7 +127,7 @@ def transfer_function(
     """
     require_finite("transfer_function(speed=...)", speed)
     require_finite("transfer_function(frequency=...)", frequency)
-    dtype = common_dtype(*jax.tree.leaves((shutter, motion)), speed, frequency)
+    dtype = common_dtype(shutter, motion, speed, frequency)
     try:
         shape = np.broadcast_shapes(np.shape(speed), np.shape(frequency))
     except ValueError:

@@ -25,7 +25,7 @@ from mishutter.camera.rows import PAD_MODES, blur_length, continued, period_of
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import Optics
 from mishutter.model.shutters.base import AbstractShutter, piecewise
-from mishutter.pictures.files import PICTURE_SUFFIXES, Decoded
+from mishutter.pictures.files import VIDEO_SUFFIXES, Decoded, pictures_in
 from mishutter.pictures.images import (
     Axis,
     Picture,
@@ -37,11 +37,6 @@ from mishutter.pictures.images import (
 )
 
 _GIF = ".gif"
-VIDEO_SUFFIXES = (
-    *(".3gp", ".asf", ".avi", ".flv", _GIF, ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
-    *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
-)
-"""Suffixes of video files. FFmpeg also reads single pictures, and some of them wrongly."""
 _READ = "read_frames(path=...)"
 _ONCE = ("-an", "-fps_mode", "vfr")
 """Has FFmpeg give each frame once, at its time in steps of the frame rate."""
@@ -112,7 +107,7 @@ def read_frames(
     white: ArrayLike | None = None,
     linear: bool = False,
 ) -> Footage:
-    """Frames from a folder of pictures, in the order of their names, or from a video file.
+    """Frames from a folder of pictures, in the order of their numbers, or from a video file.
 
     Frames are read one by one as they are exposed, and show for as long as the file says. Video
     other than GIF needs FFmpeg, which the extra `mishutter[video]` installs; its values are
@@ -136,7 +131,7 @@ def read_frames(
         got = f"{str(path)!r}, not found"
         raise FileNotFoundError(f"`{_READ}` must name a folder or a video; got {got}.")
     if path.is_dir():
-        names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+        names = pictures_in(path)
         got = Unquoted(f"folder {str(path)!r}, which has none")
         require(len(names) >= 1, _READ, "hold pictures", got)
         return Footage(_pictures(names, white_level, linear), len(names), border)

@@ -281,7 +281,7 @@ def reproduce(
 def _subject(
     path: Path | None, scene: "Scene", white: float | None, linear: bool
 ) -> "Picture | Layers | Footage":
-    from mishutter.camera.footage import VIDEO_SUFFIXES, read_frames
+    from mishutter.camera.footage import read_frames
     from mishutter.camera.layers import is_layers_file, read_layers
     from mishutter.pictures.images import read_picture
 

@@ -39,7 +39,6 @@ from mishutter.decoding.rolling import (
     RowPaths,
     RowsInTurn,
     RowTimes,
-    binned_along,
 )
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
@@ -47,6 +46,7 @@ from mishutter.model.exposures import path_for_rows
 from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, power_on_grid
 from mishutter.model.sequences import Frames, frames_in
+from mishutter.pictures.registration.windows import means
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
@@ -82,11 +82,6 @@ class Prior(NamedTuple):
         passed = reduce(np.multiply, (np.sinc(size * f) for f in each)) ** 2
         fine = reduce(np.maximum, map(np.abs, each)) > 0.5 / size
         return float(mean_over_dft(self.on(shape) * passed * fine, *shape))
-
-
-def times_of(taken: Frames) -> Float[np.ndarray, "n"]:
-    """Mid-exposures; s."""
-    return np.asarray(frames_in(taken).times, np.float64)
 
 
 def exposures_of(taken: Frames) -> Float[np.ndarray, "n"]:
@@ -143,14 +138,12 @@ class Level(NamedTuple):
             volumes.append(volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor))
         return Volume(*(np.mean(part, axis=0) for part in zip(*volumes, strict=True)))
 
-    def logarithms(
-        self, velocities: Float[np.ndarray, "s axes"], tolerance: float = ROUGHLY
-    ) -> Float[np.ndarray, "s *rows"]:
+    def logarithms(self, velocities: Float[np.ndarray, "s axes"]) -> Float[np.ndarray, "s *rows"]:
         """Logarithms of the likelihood of velocities, by row along one axis, over no picture's."""
         count = self.canvas.frames[..., 0].size * fast_length(self.canvas.sensor[-1])
         values, at_once = [], max(1, _TOGETHER // count)
         for some in np.split(velocities, range(at_once, len(velocities), at_once)):
-            gains = self.likeliest(some, tolerance).gains
+            gains = self.likeliest(some, ROUGHLY).gains
             volumes = np.array([self.volume(each).logarithm for each in some])
             values.append(gains - volumes.reshape(-1, *[1] * (gains.ndim - 1)))
         return np.concatenate(values)
@@ -198,9 +191,8 @@ class Own(NamedTuple):
             path = path_for_rows(self.prior.scene, self.taken)
             paths = RowPaths(path, instants, part.start or 0, self.times, size)
             ends += [paths.at(delay) for delay in paths.delays[[0, -1]].tolist()]
-        binned = self.frames[part]
-        for axis in range(-num_axes, 0):
-            binned = binned_along(binned, axis, size)
+        axes, dtype = tuple(range(-num_axes, 0)), self.frames.dtype
+        binned = self.frames[part] if size == 1 else means(self.frames[part], size, axes, dtype)
         # Waves of the sensor's ends die away in so many of its pixels, and of the canvas.
         reach = np.max([one.reach(velocities / size) for one in ends], axis=0)
         margin = tuple(math.ceil(x) + max(32 // size, 4) for x in reach[::-1])
@@ -248,9 +240,9 @@ class Own(NamedTuple):
 
     def duration_of(self, count: int) -> float:
         """The longest of so many neighbouring frames; s."""
-        times, exposures = np.sort(times_of(self.taken)), exposures_of(self.taken)
+        times = np.sort(np.asarray(frames_in(self.taken).times, np.float64))
         lasts = times[count - 1 :] - times[: len(times) - count + 1]
-        return max(float(np.max(lasts)), float(np.max(exposures)))
+        return max(float(np.max(lasts)), float(np.max(exposures_of(self.taken))))
 
 
 class Slope(NamedTuple):

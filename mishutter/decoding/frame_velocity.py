@@ -38,11 +38,12 @@ from mishutter.decoding.frame_likelihood import (
     peak_near,
 )
 from mishutter.decoding.likeliest import TOLERANCE, Fit, fit_of, noises_of
-from mishutter.decoding.rolling import GLOBAL, ROUGH_SHARE, RowTimes, binned_along
+from mishutter.decoding.rolling import GLOBAL, ROUGH_SHARE, RowTimes
 from mishutter.model.scene import Scene, require_velocities
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import Frames, PlaneFrames
 from mishutter.model.velocities import AbstractVelocities
+from mishutter.pictures.registration.windows import means
 
 _REACH = 1.5
 """Steps about a peak of velocities that are tried within which there is no other."""
@@ -386,7 +387,7 @@ def _sizes_of(own: Own) -> tuple[list[int], int]:
 def _shows(own: Own, size: int) -> bool:
     """Whether means of so many pixels have most of what frames show: a fine pattern has none."""
     every = [
-        np.mean(np.var(binned_along(own.frames, -1, n), axis=-1)) - np.mean(own.noises) / n
+        np.mean(np.var(means(own.frames, n, (-1,)), axis=-1)) - np.mean(own.noises) / n
         for n in (1, size)
     ]
     return bool(every[1] >= _LEAST_DETAIL * max(every[0], 0.0))

@@ -34,7 +34,7 @@ from jaxtyping import Complex, Float, Int
 
 from mishutter._core.checks import RowLike, require
 from mishutter.camera.responses import frequencies_along
-from mishutter.camera.rows import counted_in, irfftn, rfftn
+from mishutter.camera.rows import counted_in, irfftn, pixels_through, rfftn
 from mishutter.decoding.decoders.base import density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.model.scene import Scene
@@ -56,12 +56,7 @@ TILES = 8
 
 
 class AbstractRolledFrame(ABC):
-    """The way from a picture to a frame whose rows have responses of their own."""
-
-    @property
-    def matrix(self) -> Complex[np.ndarray, "s pixels k"] | None:
-        """The same of each pixel, from half of the DFT of a line; None of frames of the plane."""
-        return None
+    """The way from a picture of the plane to a frame whose rows have responses of their own."""
 
     @abstractmethod
     def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -71,9 +66,11 @@ class AbstractRolledFrame(ABC):
     def told(self, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
         """The adjoint: half of the DFT of what a frame tells of the picture."""
 
-    def rows(self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]) -> np.ndarray:
-        """Traces of some waves of half of the DFT at the head of each row, without a matrix."""
-        raise NotImplementedError
+    @abstractmethod
+    def rows(
+        self, down: Int[np.ndarray, "w"], across: Int[np.ndarray, "w"]
+    ) -> Complex[np.ndarray, "s rows w"]:
+        """Traces of some waves of half of the DFT at the head of each row."""
 
     @property
     @abstractmethod
@@ -81,8 +78,28 @@ class AbstractRolledFrame(ABC):
         """Square of the response in the mean over rows."""
 
 
-Response = Complex[np.ndarray, "..."] | AbstractRolledFrame
-Responses = Complex[np.ndarray, "frames ..."] | Sequence[AbstractRolledFrame]
+class LineInTurn(NamedTuple):
+    """The way from pictures of a line to a frame whose pixels have responses of their own."""
+
+    matrix: Complex[np.ndarray, "s pixels k"]  # The response of each times the waves there
+    length: int  # Pixels of the line's DFT
+
+    def seen(self, spectrum: Complex[np.ndarray, "s rows k"]) -> Float[np.ndarray, "s rows pixels"]:
+        """The frame that pictures leave, from half of their DFT."""
+        return pixels_through(self.matrix, spectrum, self.length)
+
+    def told(self, frame: Float[np.ndarray, "... rows pixels"]) -> Complex[np.ndarray, "s rows k"]:
+        """The adjoint."""
+        return frame @ self.matrix.conj()
+
+    @property
+    def power(self) -> Float[np.ndarray, "s 1 k"]:
+        """Square of the response in the mean over pixels."""
+        return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)
+
+
+Response = Complex[np.ndarray, "..."] | LineInTurn | AbstractRolledFrame
+Responses = Complex[np.ndarray, "frames ..."] | Sequence[LineInTurn] | Sequence[AbstractRolledFrame]
 """The way from a picture to each frame: a response on the canvas, or one for each row."""
 
 
@@ -130,15 +147,15 @@ class Canvas(NamedTuple):
 
     def through(self, response: Response, spectrum: Complex[np.ndarray, "..."]) -> np.ndarray:
         """The sensor's part of pictures through a response."""
-        if isinstance(response, AbstractRolledFrame):
-            return response.seen(spectrum)
-        return self.seen(spectrum * response)
+        if isinstance(response, np.ndarray):
+            return self.seen(spectrum * response)
+        return response.seen(spectrum)
 
     def told(
         self, response: Response, frame: Float[np.ndarray, "..."]
     ) -> Complex[np.ndarray, "..."]:
         """The adjoint of `through`, of a frame less its levels where nothing is known of them."""
-        if isinstance(response, AbstractRolledFrame):
+        if not isinstance(response, np.ndarray):
             return response.told(self.known(frame))
         shape = self.shape
         whole = np.zeros((*frame.shape[: -len(shape)], *shape), self.frames.dtype)
@@ -211,11 +228,12 @@ def likeliest(
     settled: float = math.inf,  # Share of the expected squared error
 ) -> Likeliest:
     """The likeliest pictures: by a matrix that all share, or by gradients until they settle."""
-    if isinstance(responses, np.ndarray) or responses[0].matrix is None:
+    matrices = [one.matrix for one in responses if isinstance(one, LineInTurn)]
+    if matrices:
+        solve = _by_matrices(canvas, matrices)
+    else:
         near = (_together if math.isfinite(settled) else _alone)(canvas, responses)
         solve = partial(_by_gradients, canvas, responses, near=near, settled=settled)
-    else:
-        solve = _by_matrices(canvas, [one.matrix for one in responses])
     return _solved(canvas, responses, solve, tolerance)
 
 
@@ -229,7 +247,7 @@ def _solved(canvas: Canvas, responses: Responses, solve: Solve, tolerance: float
 
 def _by_matrices(
     canvas: Canvas,
-    matrices: Sequence[Complex[np.ndarray, "s pixels k"] | None],  # Of frames
+    matrices: Sequence[Complex[np.ndarray, "s pixels k"]],  # Of frames
 ) -> Solve:
     """The likeliest lines, all of which pass the same pixels."""
     # Numbers of unit variance: both parts of each frequency, that of the whole DFT counted.
@@ -295,7 +313,7 @@ def _together(canvas: Canvas, responses: Responses) -> Near:
         each = responses.reshape(len(responses), -1, 1, *canvas.power.shape)[..., *inside]
         borders = between(0) * between(1)
     else:
-        each = [one.rows(*inside) for one in responses]
+        each = [one.rows(*inside) for one in responses if isinstance(one, AbstractRolledFrame)]
         borders = between(1) / canvas.shape[0]
     root, factors = whole(np.sqrt(canvas.power[inside].astype(np.float64))), []
     for every in zip(*each, strict=True):

@@ -25,11 +25,12 @@ from jaxtyping import Complex, Float, Int
 
 from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.responses import frequencies_along, waves_of
-from mishutter.camera.rows import counted_in, fast_length, irfftn, pixels_through, rfftn
-from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
+from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
+from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, LineInTurn
 from mishutter.evaluation.instants import Instants
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import FramePath
+from mishutter.pictures.registration.windows import means
 
 _WIDTH, _FINER = 6, 1.25
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
@@ -92,7 +93,7 @@ class RowPaths:
         """Takes the instants of some frames of a path, from one on."""
         self.path, self.instants, self._size = jax.tree.map(np.asarray, path), instants, size
         self.is_along = times.is_along
-        self.delays = binned_along(times.delays, 0, size) if self.is_along else times.delays
+        self.delays = means(times.delays, size, (0,)) if self.is_along else times.delays
         self.middles = np.sum(instants.time * instants.weight, axis=1)
         # Their clock and their places may begin elsewhere than the path's.
         self.clock = float(path.times[first] - self.middles[0])
@@ -166,7 +167,7 @@ class RowsInTurn:
                 (way[0] + back).reshape(-1, 1), np.ones((1, 1)), length, length // 2 + 1
             )
             rows.append(weight @ kernel * turn.reshape(*way.shape[1:], -1))
-        return [LineInTurn(one, canvas) for one in rows] if paths.is_along else np.stack(rows)
+        return [LineInTurn(one, length) for one in rows] if paths.is_along else np.stack(rows)
 
     @cached_property
     def _few(
@@ -192,17 +193,6 @@ class RowsInTurn:
         index, weights = _few_delays(products, self._share * canvas.noises)
         weights = CubicSpline(tried, np.moveaxis(weights, 2, 0))(paths.delays)
         return [there[k] for k in index], weights.transpose(1, 0, 2), places
-
-
-def binned_along(
-    values: Float[np.ndarray, "..."], axis: int, size: int
-) -> Float[np.ndarray, "..."]:
-    """Means of so many neighbours along an axis, the last few left out."""
-    count = values.shape[axis] // size
-    if size == 1:
-        return values
-    last = np.moveaxis(values, axis, -1)[..., : count * size]
-    return np.moveaxis(last.reshape(*last.shape[:-1], count, size).mean(axis=-1), -1, axis)
 
 
 def _mean_place(of: Instants) -> Float[np.ndarray, "axes n"]:
@@ -235,29 +225,6 @@ def _few_delays(
         if np.all(left <= most * count):
             break
     return index.tolist(), weights
-
-
-@final
-class LineInTurn(AbstractRolledFrame):
-    """A frame whose pixels along the line of a DFT have responses of their own."""
-
-    def __init__(self, matrix: Complex[np.ndarray, "s pixels k"], canvas: Canvas):
-        """Takes the response of each pixel times the waves there."""
-        self._matrix, self._canvas = matrix, canvas
-
-    @property
-    def matrix(self) -> Complex[np.ndarray, "s pixels k"]:
-        return self._matrix
-
-    def seen(self, spectrum: Complex[np.ndarray, "s rows k"]) -> Float[np.ndarray, "s rows pixels"]:
-        return pixels_through(self.matrix, spectrum, *self._canvas.shape)
-
-    def told(self, frame: Float[np.ndarray, "... rows pixels"]) -> Complex[np.ndarray, "s rows k"]:
-        return frame @ self.matrix.conj()
-
-    @property
-    def power(self) -> Float[np.ndarray, "s 1 k"]:
-        return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)
 
 
 @final

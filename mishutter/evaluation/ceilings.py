@@ -127,7 +127,7 @@ def ceiling(
     if scene.occlusion is not None:
         errors = [_least_error_of_layers(scene, half, times) for times in bounds]
     else:
-        powers = [_Power.of(scene, n) for n in frequency_counts()]
+        powers = [power_on_grid(scene, count) for count in frequency_counts()]
         errors = [min(_least_error(scene, half, times, x) for x in powers) for times in bounds]
         if is_range:
             errors.append(min(_poured_error(scene, half, n) for n in frequency_counts()))
@@ -199,21 +199,6 @@ class Times(NamedTuple):
         return self.bound[np.searchsorted(self.frequency, frequency)]
 
 
-class _Power(NamedTuple):
-    """Power of a picture at the frequencies that have any, and the number of all frequencies."""
-
-    frequency: Float[np.ndarray, "m"]
-    power: Float[np.ndarray, "m"]
-    num_frequencies: int
-
-    @staticmethod
-    def of(scene: Scene, num_frequencies: int) -> "_Power":
-        """The power of a scene's picture on a grid."""
-        frequency, power = frequencies(num_frequencies), power_on_grid(scene, num_frequencies)
-        occurs = power > 0
-        return _Power(frequency[occurs], power[occurs], num_frequencies)
-
-
 def _poured_error(scene: Scene, half: float, count: int) -> float:
     """Least expected squared error by 5., of speeds that fill equal cells unevenly; else 0."""
     light = Light.of(scene)
@@ -281,22 +266,22 @@ def _poured(
     return float(light.deviation**2 * np.sum(fan.weight * lost))
 
 
-def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> float:
-    r"""Least expected squared error on a grid of frequencies, white = 1."""
-    frequency, power, num_frequencies = picture
+def _least_error(scene: Scene, half: float, times: Times, every: Float[np.ndarray, "m"]) -> float:
+    r"""Least expected squared error of pictures of a power at all `frequencies`, white = 1."""
+    frequency, power = frequencies(every.size)[every > 0], every[every > 0]
     rate, read_noise, mean_level = (
         np.float64(x) for x in (scene.photon_rate, scene.read_noise, scene.picture.mean_level)
     )
     if not power.size:
         return 0.0
     if rate == 0:
-        return float(np.sum(power) / num_frequencies)
+        return float(np.sum(power) / every.size)
     time = np.minimum(half, times.at(frequency) / frequency)
     with np.errstate(divide="ignore", over="ignore"):
         signal = 2 * rate * time / (mean_level + read_noise * (read_noise / (2 * rate * half)))
         aperture = np.asarray(pixel_response(frequency, float(scene.optics.lens_blur))) ** 2
         share = 1 / (1 + power * aperture * signal)
-    return float(np.sum(power * share) / num_frequencies)
+    return float(np.sum(power * share) / every.size)
 
 
 def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> float:
@@ -334,10 +319,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
         (shares.power * (1 - still), alone),
         (shares.power * other, own),
     )
-    return max(
-        _least_error(scene, half, Times(frequency, bound), _Power(frequency, power, frequency.size))
-        for power, bound in parts
-    )
+    return max(_least_error(scene, half, Times(frequency, bound), power) for power, bound in parts)
 
 
 def _largest(shares: Float[np.ndarray, "k"], gram: Float[np.ndarray, "k k"]) -> float:

@@ -81,7 +81,7 @@ class Instants(NamedTuple):
         with outside_trace() if all_concrete(frames) else nullcontext():
             space, dtype = np, np.dtype(np.float64)
             if not all_concrete(frames):  # some numbers may be known
-                space, dtype = jnp, common_dtype(*jax.tree.leaves(frames))
+                space, dtype = jnp, common_dtype(frames)
             taken = jax.tree.map(lambda x: space.asarray(x, dtype), frames_in(frames))
             begin, end = _lights(taken.times, taken.exposures, lights)
             begin, end = begin + delay, end + delay

@@ -99,7 +99,7 @@ def exposures_psnr(
             speeds = components_on(scene, fan, grid.num_speeds).speeds
             instants = instants.held(speeds, f"{caller}(num_panels=...)", num_panels)
         error += share * left(scene, instants, fan, grid.num_speeds)
-    return psnr_of(error, common_dtype(*jax.tree.leaves(frames)))
+    return psnr_of(error, common_dtype(frames))
 
 
 def rows_of(
@@ -154,7 +154,9 @@ def instants_of(
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
         requirement = "be given where JAX traces exposures or velocities"
         require(all_concrete(known), f"{caller}(num_panels=...)", requirement, num_panels)
-        fastest = fastest_of(primal_values(scene))
+        primal = primal_values(scene)
+        parts = primal if scene.velocities is not None else in_parts(primal)
+        fastest = float(parts.max_speed)
     return Instants.of(frames, fastest, lights=lights, num_panels=num_panels, delay=delay)
 
 
@@ -182,11 +184,6 @@ def in_parts(scene: Scene) -> Scene:
         speeds=space.concatenate([speeds, behind[0]]),
         weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
     )
-
-
-def fastest_of(scene: Scene) -> float:
-    """Greatest speed that occurs in a known scene, of either sign; px/s."""
-    return float((scene if scene.velocities is not None else in_parts(scene)).max_speed)
 
 
 def velocities_of(scene: Scene) -> tuple[Float[np.ndarray, "v axes"], Float[np.ndarray, "v"]]:

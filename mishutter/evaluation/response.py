@@ -67,7 +67,7 @@ class Records(NamedTuple):
         is the only one.
         """
         scene, motion, profile, plan, parts, nodes = view
-        dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, profile)))
+        dtype = common_dtype(scene.speeds, motion, profile)
         if all_concrete((profile, motion, scene.speeds)):
             profile = in_one_form(profile, dtype)
         nothing = device_constant(np.zeros(0, dtype))
@@ -152,7 +152,7 @@ def _kernels_and_efficiency(
     speeds: Float[Array | np.ndarray, "s"],
     num_taps: int,
 ) -> tuple[Float[Array, "s {num_taps}"], Float[Array, ""]]:
-    dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
+    dtype = common_dtype(speeds, motion, shutter)
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
@@ -232,7 +232,7 @@ def nodes_in_time(
 
     They are NumPy arrays of double precision if the shutter is concrete.
     """
-    dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
+    dtype = common_dtype(motion, shutter)
     nodes = exposure_quadrature(shutter, num_nodes, dtype, motion.piece_ends)
     tau, weight = nodes.tau, nodes.weight
     if all_concrete((tau, weight)):

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -76,7 +75,7 @@ class DriveTable(AbstractTable):
     @property
     def passed_transmittance(self) -> Float[np.ndarray, "n"]:
         """Mean over each step of the transmittance behind the scene's device."""
-        dtype = common_dtype(*jax.tree.leaves((self.design.command, self.design.motion)))
+        dtype = common_dtype(self.design.command, self.design.motion)
         return np.asarray(slot_means(self.passed(), self.level.size, dtype), np.float64)
 
     @property
@@ -206,7 +205,7 @@ def drive_table(
     if design.sequence is not None:
         design = replace(design, sequence=None)
     half = float(design.motion.half_exposure)
-    dtype = common_dtype(*jax.tree.leaves((design.command, design.motion)))
+    dtype = common_dtype(design.command, design.motion)
     means = np.asarray(slot_means(design.command, num_steps, dtype), np.float64)
     steps = (np.clip(ceiling * means, floor, ceiling) - floor) / (ceiling - floor)
     if carries_error:

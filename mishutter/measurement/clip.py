@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from mishutter._core.checks import Unquoted, require, shape_of
-from mishutter.pictures.files import PICTURE_SUFFIXES, by_numbers, is_tiff
+from mishutter.pictures.files import VIDEO_SUFFIXES, by_numbers, is_tiff, pictures_in
 from mishutter.pictures.images import decoded_pages, frames_of_tiff
 
 Source: TypeAlias = str | Path | np.ndarray | Sequence[str | Path]
@@ -19,10 +19,6 @@ MOST_FRAMES = 64
 """Frames of a clip that are read; further ones would make no number better that matters."""
 LEAST_SIDE = 48
 """Rows and columns of the least frame: a tile, of which one velocity is found."""
-_VIDEO = (
-    *(".3gp", ".asf", ".avi", ".flv", ".gif", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
-    *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
-)
 
 
 class Levels(NamedTuple):
@@ -182,10 +178,9 @@ def _files(path: Path, subject: str) -> list[Path]:
         raise FileNotFoundError(f"`{subject}` must name files; got {str(path)!r}, not found.")
     if not path.is_dir():
         return [path]
-    names = (*PICTURE_SUFFIXES, ".npy")
-    files = sorted(p for p in path.iterdir() if p.suffix.lower() in names)
+    files = pictures_in(path, ".npy")
     require(len(files) > 0, subject, "name a folder of frames", str(path))
-    return sorted(files, key=lambda path: by_numbers(path.name))
+    return files
 
 
 def _gaps(files: Sequence[Path]) -> list[str]:
@@ -307,9 +302,9 @@ def _lossy_kind(path: Path) -> str:
         return "a JPEG"
     if head[:4] == b"RIFF" and head[8:] == b"WEBP":
         return "a WebP"
-    if path.suffix.lower() in _VIDEO or head[4:8] == b"ftyp":
+    if path.suffix.lower() in VIDEO_SUFFIXES or head[4:8] == b"ftyp":
         return "a video"
-    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+    if is_tiff(path):
         import tifffile
 
         with tifffile.TiffFile(path) as file:

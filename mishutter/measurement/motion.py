@@ -4,7 +4,7 @@ Connected pixels of a reference frame that one velocity explains are an object, 
 refined over more and more frames.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from mishutter.pictures.registration.search import (
     searched,
 )
 from mishutter.pictures.registration.sweep import ROBUST, UNCERTAIN, Region, Smoothed, Sweep
-from mishutter.pictures.registration.windows import Window
+from mishutter.pictures.registration.windows import Window, means
 
 MOST_FRAMES = 16
 """Frames about the middle of a clip in which motion is looked for."""
@@ -119,11 +119,7 @@ class _View(NamedTuple):
         return ndimage.gaussian_filter((self.labels != 0).astype(float), 6.0) > 0.5
 
 
-def motion_of(
-    frames: Float[np.ndarray, "frames rows columns"],
-    frames_per_s: float,
-    progress: Callable[[str], None] = lambda _: None,
-) -> Motion:
+def motion_of(frames: Float[np.ndarray, "frames rows columns"], frames_per_s: float) -> Motion:
     """The motion of frames of unit noise."""
     first = max(0, (len(frames) - MOST_FRAMES) // 2)
     frames = frames[first : first + MOST_FRAMES]
@@ -131,19 +127,14 @@ def motion_of(
     while size[0] * size[1] / scale**2 > MOST_PIXELS:
         scale += 1
     if scale > 1:
-        rows, columns = (n // scale for n in size)
-        cut = frames[:, : rows * scale, : columns * scale]
-        frames = cut.reshape(-1, rows, scale, columns, scale).mean(axis=(2, 4)) * scale
+        frames = scale * means(frames, scale, dtype=frames.dtype)
     count = len(frames)
     times = np.arange(count, dtype=np.float64)
     smooth = Smoothed.of(frames, times, 1.0), Smoothed.of(frames, times, 2.0)
     # Objects are looked for in the places of frames that are spread over the clip.
     parts = min(3, max(1, count // 5))
     references = [int((i + 0.5) * count / parts) for i in range(parts)]
-    views = []
-    for number, reference in enumerate(references, 1):
-        progress(f"velocities, reference frame {number} of {len(references)}")
-        views.append(_view(frames, smooth, reference))
+    views = [_view(frames, smooth, reference) for reference in references]
     unit = scale * frames_per_s
     # Each object is listed once: as the best known of its appearances.
     objects: list[MovingObject] = []

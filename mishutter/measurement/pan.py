@@ -11,7 +11,8 @@ from jaxtyping import Float, Int
 from scipy import ndimage
 
 from mishutter.measurement.clip import LEAST_SIDE
-from mishutter.measurement.steady import MOST_PIXELS, means, moves_of
+from mishutter.measurement.steady import MOST_PIXELS, moves_of
+from mishutter.pictures.registration.windows import means
 
 _COARSE = 8.0
 """Gaussian whose light is no detail; px."""

@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage, stats
 
 from mishutter.measurement.estimates import Estimate
-from mishutter.measurement.steady import PART, SIDE, Steady, means
+from mishutter.measurement.steady import PART, SIDE, Steady
+from mishutter.pictures.registration.windows import means
 
 _CLUSTER = 4
 """Blocks along a side of what is resampled together."""

@@ -119,9 +119,7 @@ def _ratio(part: float, whole: float) -> float:
 
 def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
     """The least value that at least a share of the weights does not exceed."""
-    order = np.argsort(values)
-    below = np.cumsum(weights[order]) / weights.sum()
-    return float(values[order][int(np.searchsorted(below, min(share, below[-1])))])
+    return float(np.quantile(values, share, weights=weights, method="inverted_cdf"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,14 +12,13 @@ from scipy import fft, ndimage, optimize, special
 from mishutter.measurement.clip import Clip
 from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.photon_transfer import Transfer, blocks_of, pairs_of
-from mishutter.measurement.steady import SIDE, Steady, means
+from mishutter.measurement.steady import SIDE, Steady
+from mishutter.pictures.registration.windows import means
 
 NOISE = "the noise"
 UNCOMPRESSED = "Record frames as the sensor gives them: PNG or TIFF, no compression, no denoising"
 BELOW_STEPS = "it is smaller than the steps of the file"
 MORE_BITS = "Record more bits, or raise the camera's gain until noise spans some levels"
-_SIDE = 8
-"""Side of a block of `photon_transfer`, and of a JPEG's; px."""
 _GAMMAS = np.arange(0.3, 3.51, 0.05)
 _LEAST_GAMMA, _GAMMA_CERTAIN = 0.15, 16.0
 """Distance of gamma from 1 that is looked at, and fall of chi squared that proves it."""
@@ -142,12 +141,12 @@ def _correlates(frames: np.ndarray, at_rest: np.ndarray) -> Refusal | None:
         if not rest.any():
             continue
         noise = _blocks(frames[k + 1] - frames[k])[rest].astype(np.float64)
-        noise = (noise - noise.mean(axis=1, keepdims=True)).reshape(-1, _SIDE, _SIDE)
+        noise = (noise - noise.mean(axis=1, keepdims=True)).reshape(-1, SIDE, SIDE)
         products += np.sum(noise[:, :, 1:] * noise[:, :, :-1])
         products += np.sum(noise[:, 1:] * noise[:, :-1])
-        power += np.sum(noise**2) * 2 * (_SIDE - 1) / _SIDE
+        power += np.sum(noise**2) * 2 * (SIDE - 1) / SIDE
     # Without its mean, a block of independent pixels has neighbours that correlate by -1/63.
-    correlation = products / max(power, 1e-30) + 1 / (_SIDE**2 - 1)
+    correlation = products / max(power, 1e-30) + 1 / (SIDE**2 - 1)
     if abs(correlation) <= 0.06:
         return None
     reason = f"the noise of neighbouring pixels correlates by {correlation:.2f}"
@@ -225,11 +224,11 @@ def _steps_of_eight(clip: Clip) -> Refusal | None:
     if clip.step == 0:
         return None
     frames, means = clip.frames[:3] / np.float32(clip.step), []
-    for down, across in np.ndindex(_SIDE, _SIDE):
-        each = [_blocks(frame[down:, across:]).reshape(-1, _SIDE**2) for frame in frames]
+    for down, across in np.ndindex(SIDE, SIDE):
+        each = [_blocks(frame[down:, across:]).reshape(-1, SIDE**2) for frame in frames]
         blocks = np.concatenate(each)
         # Some hundred blocks tell as much as all.
-        blocks = blocks[:: max(1, len(blocks) // 400)].reshape(-1, _SIDE, _SIDE)
+        blocks = blocks[:: max(1, len(blocks) // 400)].reshape(-1, SIDE, SIDE)
         coefficients = np.asarray(fft.dctn(blocks, axes=(1, 2), norm="ortho"))
         means.append(np.cos(2 * np.pi * coefficients).mean(axis=0).ravel())
     combs = np.array(means)
@@ -242,9 +241,9 @@ def _steps_of_eight(clip: Clip) -> Refusal | None:
 
 
 def _blocks(frame: np.ndarray) -> Float[np.ndarray, "rows columns 64"]:
-    rows, columns = (n // _SIDE for n in frame.shape)
-    cut = frame[: rows * _SIDE, : columns * _SIDE].reshape(rows, _SIDE, columns, _SIDE)
-    return cut.swapaxes(1, 2).reshape(rows, columns, _SIDE**2)
+    rows, columns = (n // SIDE for n in frame.shape)
+    cut = frame[: rows * SIDE, : columns * SIDE].reshape(rows, SIDE, columns, SIDE)
+    return cut.swapaxes(1, 2).reshape(rows, columns, SIDE**2)
 
 
 def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | None:

@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from mishutter.pictures.registration.windows import means
+
 SIDE, PART = 8, 4
 """Sides of a block and of its quarters, whose means show what moves; px."""
 _STEADY = 0.003
@@ -91,13 +93,6 @@ class Steady(NamedTuple):
         return words
 
 
-def means(pixels: np.ndarray, side: int) -> np.ndarray:
-    """Means over squares; what remains at the edges is left out."""
-    rows, columns = (n // side for n in pixels.shape)
-    cut = pixels[: rows * side, : columns * side]
-    return cut.reshape(rows, side, columns, side).mean(axis=(1, 3), dtype=np.float64)
-
-
 def steady(frames: np.ndarray, step: float, ways: np.ndarray | None = None) -> Steady:
     """Frames that are divided by their exposures and moved back, where they differ in these.
 
@@ -129,7 +124,7 @@ def bands_of_light(frames: Float[np.ndarray, "frames rows columns"]) -> float:
     Lamps that flicker on the mains light the rows of a rolling shutter unlike. Bands are alike in
     neighbouring blocks of rows, as noise is not; 0 if none are certain.
     """
-    blocks = np.array([means(frame, SIDE) for frame in frames])
+    blocks = means(frames, SIDE)
     usual = np.median(blocks, axis=0)
     if len(frames) < _LEAST_OF_BANDS or min(usual.shape) < _LEAST_OF_BANDS:
         return 0.0
@@ -156,7 +151,7 @@ def _of_one_exposure(frames: np.ndarray, step: float) -> Steady:
     Each frame is a line in the median of all, over blocks that stand still, of which those that are
     far from it do not count. Frames that do not drift are returned as they are.
     """
-    each = np.stack([means(frame, SIDE) for frame in frames]).reshape(len(frames), -1)
+    each = means(frames, SIDE).reshape(len(frames), -1)
     usual = np.median(each, axis=0)
     # Half of the picture at rest holds the median, whatever moves over the rest.
     shifts = np.median(each - usual, axis=1) / max(abs(float(np.median(usual))), step, 1e-9)

@@ -409,26 +409,24 @@ DEVICES: tuple[type[AbstractDevice], ...] = (FirstOrderDevice, SwitchedDevice, I
 """All devices; the first that `has` the arguments of a file is the one that it describes."""
 
 
-def _slots(count: int, kind: str) -> int:
-    subject = f"{kind}(num_slots=...)"
+def _count(count: int, subject: str, most: int) -> int:
     count = require_positive_int(subject, count)
-    require(2 <= count <= 4096, subject, "be 2 to 4096", count)
+    require(2 <= count <= most, subject, f"be 2 to {most}", count)
     return count
+
+
+def _levels(count: int | None, kind: str) -> int | None:
+    return None if count is None else _count(count, f"{kind}(levels=...)", 65536)
+
+
+def _slots(count: int, kind: str) -> int:
+    return _count(count, f"{kind}(num_slots=...)", 4096)
 
 
 def _run(count: int, num_slots: int, subject: str) -> int:
     """Slots in a row."""
     count = require_positive_int(subject, count)
     require(count <= num_slots, subject, f"be at most num_slots = {num_slots}", count)
-    return count
-
-
-def _levels(count: int | None, kind: str) -> int | None:
-    if count is None:
-        return None
-    subject = f"{kind}(levels=...)"
-    count = require_positive_int(subject, count)
-    require(2 <= count <= 65536, subject, "be 2 to 65536", count)
     return count
 
 

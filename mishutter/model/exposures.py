@@ -392,7 +392,9 @@ def exposures_in_plane(
     scene: Scene, kind: str, frames: FramePath, psnr: float, *, width_loss: float | None = None
 ) -> Exposures:
     """Frames with what they ask of a stage, beside a camera that turns where they move."""
-    pan = pan_over(scene, frames)
+    pan = np.zeros(2)
+    if not frames.stays:
+        pan = turned_by(require_velocities(scene), scene.limits)
     use = frames.beside(pan).use(scene.limits)
     return Exposures(
         kind,
@@ -403,11 +405,6 @@ def exposures_in_plane(
         width_loss=width_loss,
         lit_travel=float(use.stroke),
     )
-
-
-def pan_over(scene: Scene, frames: FramePath) -> Float[np.ndarray, "2"]:
-    """Velocity at which the camera turns over frames, 0 if they are at rest; px/s."""
-    return np.zeros(2) if frames.stays else turned_by(require_velocities(scene), scene.limits)
 
 
 def turned_by(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:

@@ -39,13 +39,11 @@ from mishutter.model.motion import (
     is_known_zero,
 )
 from mishutter.model.servos import SecondOrderStage
-from mishutter.model.stages import StagePath, stage_path, stage_use
+from mishutter.model.stages import SINGLE, StagePath, stage_path, stage_use
 
 Number = Float[Array | np.ndarray | np.floating, ""]
 LEAST_STROKE = 1e-3
 """A sensor that may move by less than this stands still; px."""
-_SINGLE = 1e-5
-"""Share of a limit by which a way in single precision may be beyond it."""
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 """Limits that a scene may do without, and that the search bounds motions by."""
 
@@ -236,10 +234,6 @@ class Limits(AbstractModule):
             subject = "Limits(min_half_exposure=...)"
             requirement = f"be at most max_half_exposure = {longest:g} s"
             require(float(shortest) <= longest, subject, requirement, shortest)
-
-    def without_servo(self) -> "Limits":
-        """The limits without the answer of the stage, which no integral sees."""
-        return eqx.tree_at(lambda each: each.stage, self, None, is_leaf=lambda part: part is None)
 
     @property
     def moves(self) -> bool:
@@ -445,7 +439,7 @@ class Limits(AbstractModule):
         uses = [LimitUse(np.asarray(stroke), np.asarray(self.max_stroke))]
         if self.max_travel is not None:
             uses.append(LimitUse(np.asarray(travel), np.asarray(self.max_travel)))
-        return all(bool(use.is_met(_SINGLE)) for use in uses)
+        return all(bool(use.is_met(SINGLE)) for use in uses)
 
     def travel_beyond(self, path: StagePath | None) -> float | None:
         """Travel of a path of the stage where it is more than is allowed; px. None elsewhere.

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Shaped
 
 from mishutter._core.checks import (
+    Numbers,
     RowLike,
     all_concrete,
     as_float,
@@ -47,7 +48,6 @@ from mishutter.model.alignment import (
 
 Positions = Array | np.ndarray | np.floating
 """Numbers of NumPy where all are known and the caller's are of NumPy; of JAX elsewhere."""
-Numbers = Array | np.ndarray
 
 
 class FixedParts(NamedTuple):

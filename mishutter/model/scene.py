@@ -390,7 +390,7 @@ class Scene(AbstractModule):
             weights=self.weights if weights is None else weights,
             picture=self.picture.without_metadata(power_spectrum),
             sensor=Sensor(full_well=self.sensor.full_well),
-            limits=self.limits.without_servo(),
+            limits=replace(self.limits, stage=None),
             burst=None,
             objects=None,
             errors=None,

@@ -294,13 +294,13 @@ def _pair(form: Uniform | Normal, place: str, names: tuple[str, str]) -> tuple[s
     return unit, first, second  # type: ignore[return-value]
 
 
-def _uniform(form: Uniform) -> tuple[str, np.ndarray, np.ndarray]:
+def _uniform(form: Uniform) -> tuple[str, np.ndarray, None]:
     place = "[speeds] uniform"
     unit, low, high = _pair(form, place, ("min", "max"))
     require(low <= high, f"{place}.max_{unit}", f"be at least min_{unit} = {low:g}", high)
     requirement = f"be at least 2, for speeds from {low:g} to {high:g}"
     require(form.count > 1 or low == high, f"{place}.count", requirement, form.count)
-    return unit, np.linspace(low, high, form.count), np.full(form.count, 1 / form.count)
+    return unit, np.linspace(low, high, form.count), None
 
 
 def _normal(form: Normal) -> tuple[str, np.ndarray, np.ndarray]:
@@ -313,10 +313,12 @@ def _normal(form: Normal) -> tuple[str, np.ndarray, np.ndarray]:
     return unit, mean + deviation * steps, density / density.sum()
 
 
-def _listed(speeds: list[float], weights: list[float] | None) -> tuple[np.ndarray, np.ndarray]:
+def _listed(
+    speeds: list[float], weights: list[float] | None
+) -> tuple[np.ndarray, np.ndarray | None]:
     count = len(speeds)
     if weights is None:
-        return np.array(speeds), np.full(count, 1 / count)
+        return np.array(speeds), None
     subject = "[speeds] weights"
     require(len(weights) == count, subject, f"be {count}, one a speed", len(weights))
     require(sum(weights) > 0, subject, "hold one above 0", weights)

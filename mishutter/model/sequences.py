@@ -30,6 +30,7 @@ from mishutter._core.modules import AbstractModule
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.stages import (
+    SINGLE,
     Knots,
     Piece,
     StagePath,
@@ -49,8 +50,6 @@ SINE = "sine"
 """Kind of a sequence whose stage follows a sine between its frames too."""
 _PIECES_OF_SINE = 16
 """Pieces of constant jerk from one turning point of a sine to the next."""
-SINGLE = 1e-5
-"""Share of a number below which it is one of rounding, in single precision."""
 _DIRECTIONS = np.arange(16) * np.pi / 16
 """Directions along which two axes keep a limit together."""
 
@@ -377,7 +376,7 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
         rows = [(x.time, x.position, x.motion.half_exposure) for x in self.frames]
         if all_concrete(rows):
             return np.array(rows, np.float64).reshape(-1, 3).T
-        dtype = common_dtype(*(x for row in rows for x in row if hasattr(x, "dtype")))
+        dtype = common_dtype(rows)
         return jnp.array([[jnp.asarray(x, dtype) for x in row] for row in rows]).T
 
     @property

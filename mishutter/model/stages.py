@@ -32,7 +32,7 @@ from mishutter.model.motion import AbstractMotion
 
 _AT_ONCE = 1e9
 """Acceleration over the least that is needed, as which any counts where none is limited."""
-_SINGLE = 1e-5
+SINGLE = 1e-5
 """Share of a number below which it is one of rounding, in single precision."""
 Number = Numbers | np.floating | float
 """One number, or many of any shape."""
@@ -453,7 +453,7 @@ def transfer(
         scale: Size of the places that the way is a difference of, for its rounding.
     """
     aside = 2 * (way - gap * (end + start) / 2)
-    if abs(aside) <= _SINGLE * max(scale, abs(way) + gap * max(abs(start), abs(end))):
+    if abs(aside) <= SINGLE * max(scale, abs(way) + gap * max(abs(start), abs(end))):
         return [Piece(gap, end)]
     least = float(gentlest(way, gap, start, end, top_speed)[0])
 

@@ -24,6 +24,11 @@ PICTURE_FORMATS = "PNG, JPEG, TIFF, BMP, WebP, PGM or PPM"
 """Formats that are read, each of them under test; any other is refused."""
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
 """Suffixes of such files; the contents of a file decide its format."""
+VIDEO_SUFFIXES = (
+    *(".3gp", ".asf", ".avi", ".flv", ".gif", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
+    *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
+)
+"""Suffixes of video files. FFmpeg also reads single pictures, and some of them wrongly."""
 _ORIENTATION = 274
 """Number of the TIFF and EXIF tag that says how a picture is stored."""
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -32,11 +37,6 @@ _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = range(3)
 """TIFF's numbers for the meaning of a pixel's values."""
 _CONVERTED = {3: "palette", 5: "CMYK", 6: "YCbCr"}
 """TIFF's numbers for colours that Pillow converts to RGB."""
-_PNG_PASSES = (
-    *((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4)),
-    *((2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)),
-)
-"""First row, first column, and steps of rows and columns of each pass of an interlaced PNG."""
 _TRANSFERS = {
     **dict.fromkeys((1, 4, 6, 7, 11, 12, 13, 14, 15), 2.2),
     **{5: 2.8, 8: 1.0, 16: "PQ", 18: "HLG"},
@@ -47,9 +47,15 @@ _TRANSFERS = {
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
-def pictures_in(folder: Path) -> list[Path]:
-    """The pictures of a folder in the order of the numbers in their names: 2 before 10."""
-    files = (path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
+def pictures_in(folder: Path, *others: str) -> list[Path]:
+    """The pictures of a folder in the order of the numbers in their names: 2 before 10.
+
+    Args:
+        folder: The folder.
+        others: Suffixes of other files that are wanted.
+    """
+    suffixes = *PICTURE_SUFFIXES, *others
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
     return sorted(files, key=lambda path: by_numbers(path.name))
 
 
@@ -229,22 +235,19 @@ def _decoded_png(path: Path) -> Decoded:
     content = path.read_bytes()
     chunks = _png_chunks(content)
     exponent, doubt = _png_coding(chunks)
+    pixels = imagecodecs.png_decode(content)  # refuses missing rows, which Pillow leaves black
     if chunks[b"IHDR"][8] <= 8:
         return _decoded_by_pillow(path)._replace(exponent=exponent, doubt=doubt)
     with Image.open(path) as file:
         orientation = file.getexif().get(_ORIENTATION, 1)
         has_more = _has_more(file)
-    pixels = _upright(imagecodecs.png_decode(content), orientation)
+    pixels = _upright(pixels, orientation)
     return Decoded.of(pixels, has_more)._replace(exponent=exponent, doubt=doubt)
 
 
 def _png_chunks(content: bytes) -> dict[bytes, bytes]:
-    """The chunks of a PNG by their names, without its pixels, none of which may be missing.
-
-    The check is made here because Pillow would leave missing rows black.
-    """
+    """The chunks of a PNG by their names, without its pixels; none may be missing or damaged."""
     view, place, chunks = memoryview(content), len(_PNG_SIGNATURE), {}
-    unpacked, unpack = 0, zlib.decompressobj()
     while b"IEND" not in chunks:
         size = int.from_bytes(view[place : place + 4], "big")
         name = bytes(view[place + 4 : place + 8])
@@ -257,32 +260,10 @@ def _png_chunks(content: bytes) -> dict[bytes, bytes]:
             if name != b"IHDR" or size != 13:
                 raise ValueError("it does not begin with its header")
             _require_size(*(int.from_bytes(data[i : i + 4], "big") for i in (0, 4)))
-        if name == b"IDAT":
-            # Piece by piece: a small file may hold gigabytes of zeros.
-            piece = 1 << 16
-            for first in range(0, size, piece):
-                unpacked += len(unpack.decompress(data[first : first + piece]))
-        else:
+        if name != b"IDAT":
             chunks[name] = bytes(data)
         place += 12 + size
-    expected = _png_size(chunks[b"IHDR"])
-    if unpacked < expected or not unpack.eof:
-        raise ValueError(f"its pixels end after {unpacked} of {expected} bytes")
     return chunks
-
-
-def _png_size(header: bytes) -> int:
-    """Bytes of the pixels of a PNG, by its header."""
-    columns, rows = (int.from_bytes(header[i : i + 4], "big") for i in (0, 4))
-    depth, colour, interlaced = header[8], header[9], header[12]
-    bits = depth * {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[colour]  # a palette has one channel
-    size = 0
-    for row, column, row_step, column_step in _PNG_PASSES if interlaced else [(0, 0, 1, 1)]:
-        across = -(-(columns - column) // column_step)
-        down = -(-(rows - row) // row_step)
-        if across > 0:
-            size += max(down, 0) * (1 + -(-across * bits // 8))
-    return size
 
 
 def _png_coding(chunks: dict[bytes, bytes]) -> tuple[float | None, str]:

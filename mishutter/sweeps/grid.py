@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float, UInt
 
@@ -118,7 +117,7 @@ class Grid:
     def dtype(self) -> np.dtype:
         """Precision of the results: that of the scenes and shutters."""
         speeds = [scene.speeds for scene in self.scenes.values()]
-        return common_dtype(*jax.tree.leaves((speeds, self.shutters)))
+        return common_dtype(speeds, self.shutters)
 
     @property
     def decoders(self) -> tuple[SpeedKnowledge, ...]:

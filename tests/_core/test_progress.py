@@ -81,6 +81,8 @@ def test_a_counter_names_what_it_is_at():
     assert in_turn.place == "50% still, 1 of 2"
     in_turn.next("70% still")
     assert in_turn.place == "70% still, 2 of 2"
+    in_turn.next("one that was not counted")
+    assert in_turn.place == "one that was not counted, 2 of 2"
 
 
 def test_work_of_one_part_is_told_by_its_name():

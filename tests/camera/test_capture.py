@@ -175,16 +175,18 @@ def test_the_kernel_for_other_libraries(motion, speed):
     np.testing.assert_allclose(found, wanted, atol=WAVES)
 
 
-@pytest.mark.parametrize("blur", [0.7, 4.1])
-def test_the_kernel_for_other_libraries_behind_a_lens(blur):
+@pytest.mark.parametrize(
+    ("motion", "speed", "blur"), [(MOVING, 310.0, 0.7), (MOVING, 310.0, 4.1), (STILL, 0.0, 16.0)]
+)
+def test_the_kernel_for_other_libraries_behind_a_lens(motion, speed, blur):
     """SciPy's convolution with it is the capture through that lens."""
     from scipy.signal import convolve
 
     column = np.arange(230)
     picture = np.sin(np.pi * column / 229) ** 4 * (1 + np.cos(0.9 * column[None] + 0.3))
-    kernel = ms.centred_kernel(MOVING, ms.HannShutter(), speed=310.0, lens_blur=blur)
+    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=speed, lens_blur=blur)
     scene = ms.Scene([0.0], photon_rate=4e5, read_noise=6.0, optics=ms.Optics(lens_blur=blur))
-    wanted = capture(picture, MOVING, scene=scene, speed=310.0, border="zero")
+    wanted = capture(picture, motion, scene=scene, speed=speed, border="zero")
     np.testing.assert_allclose(convolve(picture, kernel, mode="same"), wanted, atol=WAVES)
     with pytest.raises(ValueError, match=r"`centred_kernel\(lens_blur=...\)` must be at least 0"):
         ms.centred_kernel(MOVING, ms.HannShutter(), lens_blur=-blur)

@@ -134,12 +134,12 @@ def test_a_file_that_is_no_video_is_not_given_to_ffmpeg(tmp_path):
 
 
 def test_pictures_of_a_folder_have_one_white(tmp_path):
-    """What is told of numbers is told of all frames; untold, one warning stands for all."""
+    """It is told of all, in the order of their numbers; untold, one warning stands for all."""
     import tifffile
 
     deep = FRAMES.astype(np.uint16) * 16 + 3
     for number, frame in enumerate(deep):
-        tifffile.imwrite(tmp_path / f"{number}.tif", frame, photometric="rgb")
+        tifffile.imwrite(tmp_path / f"{number + 8}.tif", frame, photometric="rgb")  # 8, 9, 10
     read = ms.read_frames(tmp_path, white=4095, linear=True)
     np.testing.assert_allclose(list(read.frames), deep / 4095, atol=1e-6)
     with pytest.warns(PictureWarning, match="12 bits in 16") as warned:

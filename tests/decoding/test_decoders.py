@@ -29,7 +29,6 @@ from mishutter.decoding.decoders.linear import (
 # The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
 # rows are.
 from mishutter.decoding.decoders.richardson_lucy import (
-    _Blur,
     _Method,
     _Penalty,
     _restored,
@@ -298,7 +297,7 @@ def test_richardson_lucy_ends_at_the_likeliest_picture_of_few_edges():
     rows = np.fft.irfft(np.fft.rfft(truth) * response, 64)
     rows = rows + 0.03 * rng.standard_normal(rows.shape)
     penalty = _Penalty(np.asarray(strength), np.asarray(0.07))
-    given = around, _Blur(response), np.asarray(light), _Method(4000, True, 0.1)
+    given = around, response, np.asarray(light), _Method(4000, True, 0.1)
     weighed = {"penalty": penalty, "first_filter": None}
     found = np.asarray(_restored(jnp.asarray(rows), *given, **weighed))
     dark = 0.07 + 0.1 * rows.mean()

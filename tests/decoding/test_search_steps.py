@@ -24,7 +24,8 @@ from mishutter.decoding.frame_velocity import (
     _velocities_to_try,
 )
 from mishutter.decoding.likeliest import Detail, Fit, _in_tiles
-from mishutter.decoding.rolling import GLOBAL, _few_delays, binned_along
+from mishutter.decoding.rolling import GLOBAL, _few_delays
+from mishutter.pictures.registration.windows import means
 
 WORDS = Words("velocity", "many reasons", "of the picture fits better", "Beyond.")
 
@@ -323,8 +324,8 @@ def test_rows_are_binned_where_means_show_most_of_them():
     random = np.random.default_rng(3)
     noisy = fine + 0.2 * random.normal(size=fine.shape)
     whole = np.mean(np.var(noisy, axis=-1)) - 0.04
-    means = np.mean(np.var(binned_along(noisy, -1, 2), axis=-1)) - 0.02
-    assert _shows(own_of(noisy, TIMES, [0.01] * 3, [0.04] * 3), 2) == (means >= 0.5 * whole)
+    left = np.mean(np.var(means(noisy, 2, (-1,)), axis=-1)) - 0.02
+    assert _shows(own_of(noisy, TIMES, [0.01] * 3, [0.04] * 3), 2) == (left >= 0.5 * whole)
 
 
 def test_durations_are_those_of_neighbouring_frames():

@@ -320,9 +320,10 @@ def test_the_ceiling_of_uneven_speeds_is_lower_than_that_of_their_peak():
     peaked = Scene(speeds, np.exp(-((speeds / 900) ** 2) / 2), **light)
     long = {"max_half_exposure": 0.03, "continuous": True}
     even, own = float(ceiling(Scene(speeds, **light), **long)), float(ceiling(peaked, **long))
-    from mishutter.evaluation.ceilings import Times, _least_error, _Power
+    from mishutter.evaluation.ceilings import Times, _least_error
+    from mishutter.model.scene import power_on_grid
 
-    peak = _least_error(peaked, 0.03, Times.of_cells(peaked), _Power.of(peaked, 512))
+    peak = _least_error(peaked, 0.03, Times.of_cells(peaked), power_on_grid(peaked, 512))
     assert even < own < psnr_of_error(peak) - 0.05
 
 

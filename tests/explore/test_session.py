@@ -38,6 +38,7 @@ from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
 from mishutter.model.exposures import Exposures
 from mishutter.pictures.images import LUMINANCE
+from mishutter.report import comparison
 from mishutter.search.rows import Row
 from mishutter.search.space import beyond_limits
 
@@ -218,6 +219,23 @@ def test_the_finished_design_and_the_table_are_the_librarys(started):
         level = float(rows.row(name).metrics.expected_psnr)
         assert shown[name]["cells"][:2] == [name, f"{level:.2f}"]
     assert set(found["table"]["curves"]) == {"best snapshot"}
+
+
+def test_a_table_is_compared_anew_for_another_drawing_or_pin(monkeypatch):
+    """And once where the same is asked again."""
+    session, design, seen = Session(sessions.Beginning(TABLES, {})), a_design(HannShutter()), []
+
+    def compared(scene, motion, entries, progress):
+        seen.append([*entries])
+        return comparison.Comparison((), "V.", 0.1, 31.0)
+
+    monkeypatch.setattr(comparison, "compare", compared)
+    session.begin(design)
+    for drawn in (None, None, DRAWN, DRAWN[::-1], DRAWN[::-1]):
+        session._compare(library_scene(), request(drawn=drawn), lambda: None)
+    session._pins["mine"] = design
+    session._compare(library_scene(), request(), lambda: None)
+    assert seen == [["optimised"], *[["optimised", "drawn"]] * 2, ["optimised", "mine"]]
 
 
 @pytest.mark.slow

@@ -40,11 +40,11 @@ from mishutter.measurement.steady import (
     _of_one_exposure,
     _robust_line,
     bands_of_light,
-    means,
     moves_of,
 )
 from mishutter.measurement.texture import averaged, is_mosaic
 from mishutter.pictures.registration.sweep import Region, Smoothed, Sweep
+from mishutter.pictures.registration.windows import means
 
 ENDS = -np.inf, np.inf
 

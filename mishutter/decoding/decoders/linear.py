@@ -108,22 +108,9 @@ def squared_error_of(
     # A row that is repeated as it is would jump at its ends, and the jump would count as detail.
     spectrum = np.fft.rfft(np.concatenate([deviation, deviation[..., ::-1]], axis=-1))
     power = np.mean(np.abs(spectrum.reshape(-1, spectrum.shape[-1])) ** 2, axis=0) / length
-    noise = model.noise_at(float(np.mean(rows)))
-    return _error_of_filter(model, power, model.responses_at(speeds, length), noise, length=length)
-
-
-def _error_of_filter(
-    model: BlurModel,
-    power: np.ndarray,  # shape `(m,)`
-    recorded: np.ndarray,
-    disturbance: np.ndarray | float,
-    *,
-    length: int,
-) -> np.ndarray:
-    r"""Mean of $P\,|1 - G H|^2 + D\,|G|^2$ over a DFT, with the ensemble filter $G$ of a scene."""
-    response = ensemble_filter(model, length)
-    lost = power * np.abs(1 - response * recorded) ** 2
-    return mean_over_dft(lost + disturbance * np.abs(response) ** 2, length)
+    noise, response = model.noise_at(float(np.mean(rows))), ensemble_filter(model, length)
+    lost = power * np.abs(1 - response * model.responses_at(speeds, length)) ** 2
+    return mean_over_dft(lost + noise * np.abs(response) ** 2, length)
 
 
 def mean_over_dft(spectrum: np.ndarray, *shape: int) -> np.ndarray:

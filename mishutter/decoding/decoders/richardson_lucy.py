@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float
+from jaxtyping import Array, ArrayLike
 
 from mishutter._core.checks import require, require_finite, require_positive_int, shape_of
 from mishutter._core.compiling import compiled
@@ -92,7 +92,7 @@ class RichardsonLucyDecoder(AbstractDecoder):
         return _restored(
             captured,
             extension,
-            _Blur(response),
+            np.asarray(response),
             np.asarray(efficiency),
             method,
             penalty=penalty,
@@ -131,22 +131,8 @@ def richardson_lucy(
     require_finite(subject, taps)
     columns, middle = rows.shape[-1], (taps.size - 1) // 2
     length = fast_length(columns + taps.size)
-    operator = _Blur(np.fft.rfft(taps, length))
-    return _dark(rows, operator, middle, length, np.asarray(start), num_iterations=num_iterations)
-
-
-@final
-class _Blur(eqx.Module):
-    """Periodic blur by a response on the grid of the DFT, and its adjoint."""
-
-    response: Complex[Array | np.ndarray, "k"]  # The response, at half the frequencies of the DFT
-
-    def __call__(self, rows: Float[Array, "*planes length"]) -> Float[Array, "*planes length"]:
-        return blurred(rows, self.response)
-
-    def back(self, rows: Float[Array, "*planes length"]) -> Float[Array, "*planes length"]:
-        """The adjoint of `__call__`."""
-        return blurred(rows, jnp.conj(jnp.asarray(self.response)))
+    response = np.fft.rfft(taps, length)
+    return _dark(rows, response, middle, length, np.asarray(start), num_iterations=num_iterations)
 
 
 class _Method(NamedTuple):
@@ -189,7 +175,7 @@ class _State(NamedTuple):
 @compiled
 def _dark(
     rows: Array,
-    operator: _Blur,
+    response: ArrayLike,
     origin: int,
     length: int,
     start: ArrayLike,
@@ -206,14 +192,14 @@ def _dark(
     norm = jnp.asarray(np.where(inside, 1.0, np.inf)[None], rows.dtype)
     data = jnp.roll(data, origin, axis=-1)
     method = _Method(num_iterations, accelerated=False, least_blurred=0.0)
-    return _iterated(data, first, operator, norm, method)[..., :columns]
+    return _iterated(data, first, response, norm, method)[..., :columns]
 
 
 @compiled
 def _restored(
     captured: Array,
     extension: Continuation,
-    operator: _Blur,
+    response: ArrayLike,
     efficiency: ArrayLike,
     method: _Method,
     *,
@@ -230,14 +216,14 @@ def _restored(
         filtered = jnp.fft.irfft(spectrum * along_rows(first_filter, spectrum), extension.length)
         # No step leads away from 0.
         start = jnp.maximum(filtered + mean / norm, 0.02 * start)
-    estimate = _iterated(data, start, operator, norm, method, penalty=penalty)
+    estimate = _iterated(data, start, response, norm, method, penalty=penalty)
     return estimate[..., : extension.columns]
 
 
 def _step(
     state: _State,
     data: Array,
-    operator: _Blur,
+    response: ArrayLike,
     norm: Array,
     *,
     least_blurred: float,
@@ -257,9 +243,12 @@ def _step(
         # Edges push by no more than a few times.
         weight = jnp.maximum(norm + strength * adjoint_differences(flow), 0.2 * norm)
     total = data + dark
-    blurred_again = jnp.maximum(operator(begin) + dark, jnp.maximum(least_blurred * total, 1e-12))
+    blurred_again = jnp.maximum(
+        blurred(begin, response) + dark, jnp.maximum(least_blurred * total, 1e-12)
+    )
     # Taps of a band-limited kernel are below 0 here and there, which must not make light negative.
-    after = begin * jnp.maximum(operator.back(total / blurred_again), 0) / weight
+    back = blurred(total / blurred_again, jnp.conj(jnp.asarray(response)))
+    after = begin * jnp.maximum(back, 0) / weight
     if state.before is None:
         return _State(after, None, None, None, flow)
     return _State(after, state.estimate, after - begin, state.change, flow)
@@ -268,7 +257,7 @@ def _step(
 def _iterated(
     data: Array,
     start: Array,
-    operator: _Blur,
+    response: ArrayLike,
     norm: Array,
     method: _Method,
     *,
@@ -299,7 +288,7 @@ def _iterated(
 
         def step(_: Array, state: _State) -> _State:
             return _step(
-                state, data, operator, norm, least_blurred=method.least_blurred, penalty=weights
+                state, data, response, norm, least_blurred=method.least_blurred, penalty=weights
             )
 
         # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core.checks import (
+    Numbers,
     Unquoted,
     all_concrete,
     as_float,
@@ -30,7 +31,6 @@ from mishutter._core.checks import (
 from mishutter._core.compiling import outside_trace
 from mishutter._core.modules import AbstractModule
 
-Numbers = Array | np.ndarray
 Length = TypeVar("Length", Array, np.ndarray)
 Offsets = Inexact[Array | np.ndarray, "pieces *offsets"]
 Values = Num[Array | np.ndarray, "pieces *offsets"]

@@ -5,7 +5,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -166,7 +165,7 @@ class SplineShutter(AbstractAdjustableShutter):
         require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
         (parameters,) = fitted_boxes([shutter], num_coefficients, symmetric=symmetric)
         return SplineShutter(
-            jnp.asarray(parameters, common_dtype(*jax.tree.leaves(shutter))),
+            jnp.asarray(parameters, common_dtype(shutter)),
             symmetric=symmetric,
             num_coefficients=num_coefficients,
         )

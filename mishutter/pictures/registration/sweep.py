@@ -15,7 +15,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mishutter.pictures.registration.refinement import Prior, Told, push_of_light, refined
-from mishutter.pictures.registration.windows import Window, filled, smoothed, splines
+from mishutter.pictures.registration.windows import (
+    Window,
+    filled,
+    means,
+    smoothed,
+    splines,
+)
 
 _SIDES = (48, 16)
 """Sides of tiles, of which one velocity is found; px. In wide ones less is noise, and in narrow
@@ -128,9 +134,8 @@ def swept(
     down, across = rows // _COARSE - 1, columns // _COARSE - 1
     parts = np.empty((2, 2, count, down, across), np.float32)
     for i, j in np.ndindex(2, 2):
-        cut = frames[:, i * _HALF :, j * _HALF :][:, : down * _COARSE, : across * _COARSE]
-        squares = cut.reshape(count, down, _COARSE, across, _COARSE)
-        parts[i, j] = squares.mean(axis=(2, 4)) * _COARSE
+        squares = means(frames[:, i * _HALF :, j * _HALF :], _COARSE, dtype=frames.dtype)
+        parts[i, j] = _COARSE * squares[:, :down, :across]
     late = times - times[reference]
     each = [_residuals(parts, late[:, None] * velocity) for velocity in grid]
     return [

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import DTypeLike
 from scipy import ndimage
 
 Picture = Float[np.ndarray, "_ _"]
@@ -16,6 +17,21 @@ def smoothed(picture: np.ndarray, sigma: float) -> np.ndarray:
     """A picture, or each of several, under a Gaussian; px."""
     axes = range(picture.ndim - 2, picture.ndim)
     return ndimage.gaussian_filter(picture, sigma, mode="nearest", axes=tuple(axes))
+
+
+def means(
+    pixels: np.ndarray,
+    side: int,
+    axes: tuple[int, ...] = (-2, -1),
+    dtype: DTypeLike = np.float64,
+) -> np.ndarray:
+    """Means over squares, or over pixels along one axis; what remains at the ends is left out."""
+    for axis in axes:
+        last = np.moveaxis(pixels, axis, -1)
+        count = last.shape[-1] // side
+        parts = last[..., : count * side].reshape(*last.shape[:-1], count, side)
+        pixels = np.moveaxis(parts.mean(axis=-1, dtype=dtype), -1, axis)
+    return pixels
 
 
 def splines(frames: Float[np.ndarray, "frames rows columns"]) -> np.ndarray:
