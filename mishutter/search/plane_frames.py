@@ -17,7 +17,7 @@ from mishutter.evaluation.bursts import (
     some_numbers,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
-from mishutter.evaluation.fans import MEASURED, SEARCHED, Grid
+from mishutter.evaluation.fans import MEASURED, SEARCHED
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.sequences import loss_of_width, with_losses
 from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
@@ -58,8 +58,8 @@ _PIECES_OF_SINES, _PIECES_OF_FREE = 16, 16
 """Pieces of constant acceleration in all frames of two sines and of a free path, at least."""
 _PIECES_OF_ONE = 8
 """Those of a free path over one exposure, which with more exploits what a grid leaves out."""
-_FINER, _FINER_FREE = 2, 4
-"""How many times the radii a search for one exposure has, of few numbers and of a free path."""
+_FINER = 2
+"""How many times the radii a search for one exposure has."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,8 @@ class _PlaneSearch(NamedTuple):
         top = float(self.scene.limits.max_top_speed) - float(np.hypot(*self.offset))
         room = room._replace(top_speed=min(room.top_speed, top), turns=False)
         # A single exposure exploits more of what a grid leaves out than several do together.
-        grid = _finer(_FINER) if self.counts == [1] else SEARCHED
+        more = _FINER if self.counts == [1] else 1
+        grid = SEARCHED._replace(num_radii=more * SEARCHED.num_radii)
         levels = Levels.in_plane(self.scene, grid, unit, self.offset)
         return _Stage(self, unit, along, levels, room)
 
@@ -276,7 +277,6 @@ class _Stage(NamedTuple):
     def free(self, *ends: "Sequence[End | None]", progress: Callable[[float], None]) -> list[End]:
         """Ends of descents in which each frame has numbers of its own, from the best of each."""
         found, alone = [], self.search.counts == [1]
-        levels = self._levels_on(_finer(_FINER_FREE)) if alone else self.levels
         for index, some in enumerate(ends):
             progress(0.7 + 0.2 * index / len(ends))
             best = best_of([x for x in some if x and x.frames.exposure.size <= MOST_FREE])
@@ -285,19 +285,16 @@ class _Stage(NamedTuple):
                 pieces = _PIECES_OF_ONE if alone else max(-(-_PIECES_OF_FREE // count), 1)
                 start = _resampled(best.frames, pieces)
                 start = shaken(start, np.random.default_rng(count), self.room, 0.01)
-                found.append(Descent(levels, self.room, start.shape).free(start))
+                found.append(Descent(self.levels, self.room, start.shape).free(start))
         best = best_of(found)
         if best is None:
             return []
         progress(0.9)
         if alone:  # as levels are told
-            last = Descent(self._levels_on(MEASURED), self.room, best.frames.shape)
-            return [last.free(best.frames) or best]
-        return [best, *again(levels, self.room, best, near(self.room), times=1)]
-
-    def _levels_on(self, grid: Grid) -> Levels:
-        """Levels of the same stage on another grid."""
-        return Levels.in_plane(self.search.scene, grid, self.unit, self.search.offset)
+            told = Levels.in_plane(self.search.scene, MEASURED, self.unit, self.search.offset)
+            last = Descent(told, self.room, best.frames.shape).free(best.frames)
+            return [last or best]
+        return [best, *again(self.levels, self.room, best, near(self.room), times=1)]
 
     def made(self, frames: Frames) -> FramePath:
         """The frames and the path of the sensor through them, in the plane."""
@@ -359,11 +356,6 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
     return frames._replace(velocity=frames.velocity @ unit, place=place, pan=frames.pan @ unit)
 
 
-def _finer(times: int) -> Grid:
-    """The grid of searches with so many times the radii."""
-    return SEARCHED._replace(num_radii=times * SEARCHED.num_radii)
-
-
 def grid_words() -> str:
     """The computations of a search in the plane, in words."""
     radii, angles, speeds, corner = SEARCHED
@@ -372,8 +364,7 @@ def grid_words() -> str:
     return (
         f"The search tries {ways}, and from the best of them a velocity and a place of its own for "
         f"each frame, over {radii} radii x {angles} directions x {speeds} velocities and {corner} "
-        f"radii of the corners. One exposure alone has {_FINER} times the radii, its free path "
-        f"{_FINER_FREE} times; levels are over {finer}, as is its last descent. A list of few "
-        "velocities has the more directions. One filter for all velocities is not searched: it "
-        "gains nothing there."
+        f"radii of the corners, and {_FINER} times the radii for one exposure alone; levels are "
+        f"over {finer}, as is the last descent of one exposure. A list of few velocities has the "
+        "more directions. One filter for all velocities is not searched: it gains nothing there."
     )

@@ -267,7 +267,7 @@ def test_a_free_path_of_one_exposure_ends_on_the_grid_of_levels(monkeypatch, end
     (found,) = stage.free(*ends, progress=lambda share: None)
     searched, told = (
         len(Levels.in_plane(search.scene, grid, np.eye(2), np.zeros(2)).weight)
-        for grid in (Grid(192, 4, 16, 4), MEASURED)
+        for grid in (Grid(96, 4, 16, 4), MEASURED)
     )
     assert sizes == [(8, searched), (8, searched), (8, told)]
     assert found.level == (27.2 if ends_well else 27.3)
