@@ -10,6 +10,7 @@ import pytest
 from scipy import ndimage
 
 import mishutter as ms
+from mishutter.decoding.objects import finding
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.composite import Alone, _along, _blur, _told, whole_of
 from mishutter.decoding.objects.finding import _drop_weakest, _merge, _shown, _tells_nothing
@@ -667,6 +668,19 @@ def test_the_weakest_of_too_little_evidence_or_area_is_left_out():
     found.things[0].matte[5:20, 5:12] = 0
     _drop_weakest(found)
     assert found.things == []
+
+
+def test_a_thing_that_is_drawn_nowhere_is_left_out(monkeypatch):
+    """Before the outlines of the others are solved."""
+    found = arrangement()
+
+    def empty(arrangement, *, at_edges):
+        arrangement.things[0].matte = np.zeros(SHAPE, np.float32)
+
+    monkeypatch.setattr(finding, "cut_out", empty)
+    kept = found.things[1]
+    finding._sharpen(found)
+    assert found.things == [kept]
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,9 @@ def _refine_parts(arrangement: Arrangement, *, is_first: bool) -> None:
 def _sharpen(arrangement: Arrangement) -> None:
     """Draws outlines by all that is known by now, and solves them near there."""
     cut_out(arrangement, at_edges=True)
+    for number in range(len(arrangement.things) - 1, -1, -1):
+        if arrangement.things[number].area < 1:
+            arrangement.drop(number)
     arrangement.place()
     drawn = [thing.matte for thing in arrangement.things]
     for _ in range(_SHARPENINGS):
