@@ -38,9 +38,9 @@ from mishutter.camera.rows import (
     continued,
     fast_length,
     period_of,
-    pixel_by_pixel,
     require_border,
     rows_last,
+    seen_in_turn,
 )
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.response import pixel_responses
@@ -412,9 +412,7 @@ def _by_rows(
     delays = sensor.row_delays(window.stop - window.start if along else planes.shape[-2])
     frequency = np.arange(spectrum.shape[-1]) / period
     each = np.asarray(response) * np.exp(np.multiply.outer(-2j * np.pi * way * delays, frequency))
-    if along:
-        return pixel_by_pixel(spectrum, each, window.start, period).astype(planes.dtype)
-    return np.fft.irfft(spectrum * each, period)[..., window].astype(planes.dtype)
+    return seen_in_turn(spectrum, each, window, period, is_along=along).astype(planes.dtype)
 
 
 @compiled

@@ -67,18 +67,17 @@ class Band(NamedTuple):
     rows: slice
 
 
-def bands_of(sensor: Sensor, num_rows: int, fastest: float, most: float = ONE_BAND) -> list[Band]:
-    """Rows of a sensor in bands over which nothing moves by more than a way.
+def bands_of(sensor: Sensor, num_rows: int, fastest: float) -> list[Band]:
+    """Rows of a sensor in bands over which nothing moves by more than `ONE_BAND`.
 
     Args:
         sensor: The sensor.
         num_rows: Rows of the picture.
         fastest: Greatest speed of anything on the sensor; px/s.
-        most: That way; px. 0 for each row by itself.
     """
     delays = sensor.row_delays(num_rows)
     way = fastest * abs(float(delays[-1] - delays[0]))
-    count = 1 if way <= most else num_rows if most == 0 else min(num_rows, math.ceil(way / most))
+    count = min(num_rows, max(1, math.ceil(way / ONE_BAND)))
     edges = np.round(np.linspace(0, num_rows, count + 1)).astype(int).tolist()
     rows = [slice(*pair) for pair in itertools.pairwise(edges)]
     return [Band(float(np.mean(delays[each])), each) for each in rows]
@@ -110,15 +109,19 @@ def nodes_of(
     return nodes, np.where(np.abs(shares) < _LEAST_SHARE, 0.0, shares)
 
 
-def pixel_by_pixel(
-    spectrum: Complex[np.ndarray, "... k"],
-    response: Complex[np.ndarray, "pixels k"],
-    first: int,
+def seen_in_turn(
+    spectrum: Complex[np.ndarray, "... rows k"],
+    response: Complex[np.ndarray, "d k"],  # Of each row, or of each pixel of the window
+    window: slice,
     period: int,
-) -> Float[np.ndarray, "... pixels"]:
-    """Pixels of periodic rows, from one on, each through a response of its own."""
-    waves = waves_at(first, response.shape[0], period)
-    return pixels_through(response * waves, spectrum, period)
+    *,
+    is_along: bool,
+) -> Float[np.ndarray, "... rows pixels"]:
+    """A window of periodic rows, of which rows, or pixels along them, are exposed in turn."""
+    if is_along:
+        waves = waves_at(window.start, response.shape[0], period)
+        return pixels_through(response * waves, spectrum, period)
+    return np.fft.irfft(spectrum * response, period)[..., window]
 
 
 def pixels_through(

@@ -37,8 +37,8 @@ from mishutter.camera.rows import (
     continued,
     instants_within_reach,
     period_of,
-    pixel_by_pixel,
     rows_last,
+    seen_in_turn,
     window_of,
 )
 from mishutter.evaluation.instants import Instants
@@ -171,10 +171,8 @@ def _picture_in_frames(
     for k in range(len(frames)):
         each = [waves_of(x.some([k]), velocity[None], (period,))[0] for x in nodes]
         response = np.concatenate(each) * aperture
-        if along and len(nodes) > 1:
-            irradiance = pixel_by_pixel(spectrum, response, window.start, period)
-        else:
-            irradiance = np.fft.irfft(spectrum * response, period)[..., window]
+        is_along = along and len(nodes) > 1
+        irradiance = seen_in_turn(spectrum, response, window, period, is_along=is_along)
         yield every_colour(channels_last(irradiance.astype(planes.dtype), radiance), radiance)
 
 

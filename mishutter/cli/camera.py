@@ -7,7 +7,13 @@ from mishutter._core.files import ONE_EXPOSURE, writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
-from mishutter.cli.laboratory import CameraFiles, cameras, speed_for, takes_camera_files
+from mishutter.cli.laboratory import (
+    CameraFiles,
+    cameras,
+    speed_for,
+    takes_camera_files,
+    warn_beyond,
+)
 from mishutter.cli.options import (
     DECODERS,
     DecoderName,
@@ -181,6 +187,7 @@ def simulate(
         note("no PSNR: layers and frames move on their own, so no single picture is the truth")
     if isinstance(speed, tuple) and any(speed):
         note("the sensor is as large as the picture, which goes on mirrored beyond its borders")
+    warn_beyond(scene, speed)
     estimate = result.found
     if estimate is not None and estimate.doubt:
         note(f"warning: {estimate.doubt}")
@@ -276,6 +283,7 @@ def _subject(
 ) -> "Picture | Layers | Footage":
     from mishutter.camera.footage import read_frames
     from mishutter.camera.layers import is_layers_file, read_layers
+    from mishutter.pictures.files import VIDEO_SUFFIXES
     from mishutter.pictures.images import read_picture
 
     if path is None or is_layers_file(path):

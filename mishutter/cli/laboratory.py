@@ -187,19 +187,14 @@ class Cameras(NamedTuple):
 def speed_for(
     camera: "AbstractDesign", text: str, scene_file: Path | None
 ) -> float | tuple[float, float]:
-    """The speed of what a camera sees, or its velocity where that sees two axes; px/s.
-
-    One that no thing of its scene has is warned of.
-    """
+    """The speed of what a camera sees, or its velocity where that sees two axes; px/s."""
     from mishutter.model.scene_file import read_speed, read_velocity
 
     read = read_speed if len(camera.exposures.axes) == 1 else read_velocity
-    speed = read(text, scene_file, "--speed")
-    _warn_beyond(camera.scene, speed)
-    return speed
+    return read(text, scene_file, "--speed")
 
 
-def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
+def warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
     """Warns of a speed in px/s outside the scene's range: its unit may have been forgotten."""
     if isinstance(speed, tuple):
         size, fastest = math.hypot(*speed), float(scene.max_speed)

@@ -210,7 +210,7 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
 
 
 def _made(name: Enum, noun: str) -> Any:
-    """What an option names, as it is by default: `KnownSpeedLoss` is the loss "known-speed"."""
+    """The object that an option names, with its defaults: `KnownSpeedLoss` for "known-speed"."""
     words = (word.capitalize() for word in name.value.split("-"))
     return getattr(import_module("mishutter"), f"{''.join(words)}{noun}")()
 

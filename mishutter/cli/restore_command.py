@@ -20,7 +20,13 @@ from mishutter.cli.camera import (
 )
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import CAMERA, DESIGN, PICTURES
-from mishutter.cli.laboratory import CameraFiles, cameras, speed_for, takes_camera_files
+from mishutter.cli.laboratory import (
+    CameraFiles,
+    cameras,
+    speed_for,
+    takes_camera_files,
+    warn_beyond,
+)
 from mishutter.cli.options import (
     DECODERS,
     DecoderName,
@@ -194,6 +200,8 @@ def restore(
     read = (read_captures(path, black=black, white=white, linear=linear) for path in paths)
     seen = list(itertools.chain(*read))
     labels = _Label.of_all(seen)
+    for one in each:
+        warn_beyond(camera.scene, one)
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found, by_object = [], {}, None
     is_one = len(seen) == 1 or burst is not None

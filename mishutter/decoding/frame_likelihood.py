@@ -84,11 +84,6 @@ class Prior(NamedTuple):
         return float(mean_over_dft(self.on(shape) * passed * fine, *shape))
 
 
-def times_of(taken: Frames) -> Float[np.ndarray, "n"]:
-    """Mid-exposures; s."""
-    return np.asarray(frames_in(taken).times, np.float64)
-
-
 def exposures_of(taken: Frames) -> Float[np.ndarray, "n"]:
     """Exposures; s."""
     return np.asarray(frames_in(taken).exposures, np.float64)
@@ -245,9 +240,9 @@ class Own(NamedTuple):
 
     def duration_of(self, count: int) -> float:
         """The longest of so many neighbouring frames; s."""
-        times, exposures = np.sort(times_of(self.taken)), exposures_of(self.taken)
+        times = np.sort(np.asarray(frames_in(self.taken).times, np.float64))
         lasts = times[count - 1 :] - times[: len(times) - count + 1]
-        return max(float(np.max(lasts)), float(np.max(exposures)))
+        return max(float(np.max(lasts)), float(np.max(exposures_of(self.taken))))
 
 
 class Slope(NamedTuple):

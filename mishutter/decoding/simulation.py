@@ -337,14 +337,17 @@ def restored_capture(
     """`restore`, with the speed or the objects that were found."""
     scene, exposures = design.scene, design.exposures
     chosen = decoder_or_ensemble(decoder, "restore")
+    pixels = np.asarray(as_pixels(capture, "restore(capture=...)"))
     if exposures.shutter is not None:
         words = "be left out for one exposure, of which no objects can be told"
         require(not by_object and outlines is None, "restore(by_object=...)", words, by_object)
-        pixels = np.asarray(as_pixels(capture, "restore(capture=...)"))
         if speed is None and knowledge_of(scene).knows_speed:  # nobody tells it
             chosen = decoder_of(SPEED_KNOWLEDGE["found"], chosen)
     else:
-        pixels = _stack_of(capture, exposures.num_frames)
+        count = exposures.num_frames
+        is_stack = pixels.ndim in (3, 4) and pixels.shape[0] == count
+        requirement = f"be the {count} frames of the design's burst, of rows and columns"
+        require(is_stack, "restore(capture=...)", requirement, shape_of(pixels))
     return _restored(
         pixels,
         scene,
@@ -354,15 +357,6 @@ def restored_capture(
         by_object=by_object,
         report=progress or (lambda text, share: None),
     )
-
-
-def _stack_of(captures: Picture | ArrayLike, num_frames: int) -> np.ndarray:
-    """The frames of a burst."""
-    light = np.asarray(as_pixels(captures, "restore(capture=...)"))
-    is_stack = light.ndim in (3, 4) and light.shape[0] == num_frames
-    requirement = f"be the {num_frames} frames of the design's burst, of rows and columns"
-    require(is_stack, "restore(capture=...)", requirement, shape_of(light))
-    return light
 
 
 def _in_portions(

@@ -256,29 +256,16 @@ class _Pair(NamedTuple):
     times: FrameTimes  # When frames may be exposed
     order: tuple[bool, ...]  # Which may be longer than all alike could be
 
-    @property
-    def num_long(self) -> int:
-        """Number of the longer ones."""
-        return sum(self.order)
-
-    @property
-    def num_short(self) -> int:
-        """Number of the others."""
-        return len(self.order) - self.num_long
-
-    @property
-    def _most(self) -> float:
-        """Longest exposure of the others; s."""
-        return self.times.longest_of(self.num_long + self.num_short)
-
     def _longest(self, exposure: float) -> float:
-        """Longest exposure of the first beside others of some exposure; s."""
-        beside = self.num_short * self.times.period_of(exposure)
-        return max(self.times.longest_of(self.num_long, beside), exposure)
+        """Longest exposure of the long ones beside others of some exposure; s."""
+        num_long = sum(self.order)
+        beside = (len(self.order) - num_long) * self.times.period_of(exposure)
+        return max(self.times.longest_of(num_long, beside), exposure)
 
     def at(self, place: Float[np.ndarray, "2"]) -> list[tuple[int, float]]:
         """Numbers and exposures, s, in order, at shares of those of the others and of the long."""
-        short = _between(self.times.shortest, self._most, place[0])
+        most = self.times.longest_of(len(self.order))
+        short = _between(self.times.shortest, most, place[0])
         long = _between(short, self._longest(short), place[1])
         exposures = {True: long, False: short}
         return [(len([*run]), exposures[is_long]) for is_long, run in groupby(self.order)]

@@ -1,6 +1,6 @@
 """Clips: frames of a camera at rest as its files hold them, and files that hold no clip."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -56,9 +56,10 @@ class Clip:
         """The exposure, or the longest that the frame rate allows; s."""
         return 1 / self.frames_per_s if self.exposure is None else self.exposure
 
-    def with_frames(self, frames: np.ndarray, word: str) -> "Clip":
-        """The clip with frames that were corrected, and a sentence that says so."""
-        return replace(self, frames=frames, words=(*self.words, word))
+    def with_words(self, words: Iterable[str], frames: np.ndarray | None = None) -> "Clip":
+        """The clip with more sentences on it, and with frames that were corrected, if any were."""
+        own = self.frames if frames is None else frames
+        return replace(self, frames=own, words=(*self.words, *words))
 
 
 def clip_of(

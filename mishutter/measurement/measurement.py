@@ -96,15 +96,14 @@ def measure(
         if sensor is not None:
             delays = sensor.row_delays(frames.frames.shape[1])
             motion = read_in_turn(motion, float(np.mean(np.diff(delays))))
-        for word in motion.words:
-            frames = frames.with_frames(frames.frames, word)
+        frames = frames.with_words(motion.words)
         picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
         if is_mosaic(picture.levels):
             word = (
                 "pixels alternate as under a mosaic of colour filters, which the picture holds as "
                 "texture: measure one colour alone"
             )
-            frames = frames.with_frames(frames.frames, word)
+            frames = frames.with_words([word])
         along = along_axis(motion.objects)
         axis = "rows" if along is None else along.axis
         ends = noise.black_level, frames.white
@@ -139,30 +138,27 @@ def noise_from(
     alike = steady(frames, clip.step, ways)
     told = None if black is None else float(black)
     noise = noise_of(clip, alike, read["dark"], read["flats"], told)
-    for word in alike.words:
-        clip = clip.with_frames(alike.same if ways is None else clip.frames, word)
+    words, is_corrected = [*alike.words], bool(alike.words) and ways is None
     bands = bands_of_light(alike.same)
     if bands:
-        word = (
+        words.append(
             f"the light differs by {bands:.1%} in bands of rows that change from frame to frame: "
             "lamps flicker on the mains while rows are read one after another, and noise may be "
             "too high; take daylight, or lamps on direct current"
         )
-        clip = clip.with_frames(clip.frames, word)
     if noise.transfer is not None and noise.electrons_at_white is not None:
         excess = detail_excess(clip, alike, noise.transfer)
         if is_moved(excess):
-            word = (
+            words.append(
                 f"what has detail has {excess.value:.0%} more noise: the camera, its focus or what "
                 "it sees moves a little, and noise may be too high"
             )
-            clip = clip.with_frames(clip.frames, word)
-    if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:
-        gamma = shot_gamma(noise.transfer, clip.step)
+        gamma = shot_gamma(noise.transfer, clip.step) if dark is None else None
         if gamma is not None:
-            word = f"a gamma of {gamma:.2g} with little read noise would explain the noise as well"
-            clip = clip.with_frames(clip.frames, word)
-    return clip, noise
+            words.append(
+                f"a gamma of {gamma:.2g} with little read noise would explain the noise as well"
+            )
+    return clip.with_words(words, alike.same if is_corrected else None), noise
 
 
 def _level_difference(levels: np.ndarray, motion: Motion) -> Estimate:

@@ -9,11 +9,10 @@ from scipy import ndimage
 from mishutter.measurement.motion import Motion
 from mishutter.measurement.photon_transfer import Law
 from mishutter.pictures.images import Axis, transposed
+from mishutter.pictures.registration.search import around
 from mishutter.pictures.registration.sweep import Smoothed
 from mishutter.pictures.registration.windows import Window
 
-_AROUND = 2
-"""Frames to either side along which an object is averaged."""
 _LINE = 5.0
 """Power of a line in the spectrum over that beside it, from which on pixels are a mosaic's."""
 _EMPTY = 0.1
@@ -46,17 +45,17 @@ def averaged(frames: np.ndarray, unit: np.ndarray, motion: Motion, frames_per_s:
         total += np.where(is_alike, frames[k], 0)
         count += is_alike
     mean = total / count
-    near = range(max(0, reference - _AROUND), min(len(frames), reference + _AROUND + 1))
-    numbers = np.arange(near.start, near.stop, dtype=np.float64)
-    splines = Smoothed.of(frames[near.start : near.stop], numbers, 0.0)
+    near = around(len(frames), reference, 1)
+    own_number = near.index(reference)
+    splines = Smoothed.of(frames[near], np.array(near, np.float64), 0.0)
     for number, each in enumerate(motion.objects, 1):
         mask = motion.labels == number
         if not mask.any():
             continue
         box = Window.around(mask, 0)
         velocity = np.array(each.velocity) / frames_per_s
-        values, seen = splines.along(velocity, reference - near.start, range(len(near)), box)
-        seen[reference - near.start] = True
+        values, seen = splines.along(velocity, own_number, range(len(near)), box)
+        seen[own_number] = True
         inside = box.of(mask)
         along = np.where(seen, values, 0).sum(axis=0) / seen.sum(axis=0)
         box.of(mean)[inside] = along[inside]

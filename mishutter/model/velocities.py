@@ -395,13 +395,15 @@ class ListedVelocities(AbstractVelocities):
     def _occurring(self) -> Float[np.ndarray, "n 2"]:
         return np.asarray(self.velocities, np.float64)[np.asarray(self.weights) > 0]
 
+    def _along(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k n"]:
+        """Components of those that occur."""
+        return np.stack([np.cos(direction), np.sin(direction)], axis=-1) @ self._occurring.T
+
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
-        units = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-        return np.max(np.abs(units @ self._occurring.T), axis=1)
+        return np.max(np.abs(self._along(direction)), axis=1)
 
     def half_range(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
-        units = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-        return np.ptp(units @ self._occurring.T, axis=1) / 2
+        return np.ptp(self._along(direction), axis=1) / 2
 
     def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
         apart = np.moveaxis(velocities[:, None] - self._occurring, -1, 0)

@@ -112,9 +112,9 @@ def test_layers_are_taken_row_by_row(axis):
 
 
 def test_a_band_is_exposed_when_its_rows_are_in_the_mean():
-    """Seven rows of 1 ms in bands over which things move by 2 px; rows may be read upwards."""
+    """Seven rows of 1 ms in three bands of a twentieth of a pixel; rows may be read upwards."""
     for way, sign in (("down", 1), ("up", -1)):
-        bands = bands_of(Sensor(readout=6e-3, rows_read=way), 7, 1000.0, 2.0)
+        bands = bands_of(Sensor(readout=6e-3, rows_read=way), 7, 24.0)
         assert [(band.rows.start, band.rows.stop) for band in bands] == [(0, 2), (2, 5), (5, 7)]
         delays = [sign * 1e3 * band.delay for band in bands]
         np.testing.assert_allclose(delays, [-2.5, 0, 2.5], atol=1e-6)

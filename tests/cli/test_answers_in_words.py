@@ -121,9 +121,9 @@ def test_a_velocity_outside_those_of_the_scene_asks_for_its_unit(capsys):
     """By its size, in whatever direction."""
     scene = a_plane_design().scene
     fastest = float(scene.max_speed)
-    laboratory._warn_beyond(scene, (-0.6 * fastest, 0.79 * fastest))
+    laboratory.warn_beyond(scene, (-0.6 * fastest, 0.79 * fastest))
     assert capsys.readouterr().err == ""
-    laboratory._warn_beyond(scene, (-0.7 * fastest, 0.8 * fastest))
+    laboratory.warn_beyond(scene, (-0.7 * fastest, 0.8 * fastest))
     size = fastest * np.hypot(0.7, 0.8)
     assert f"--speed is {size:,.5g} px/s in all; the scene's go up to" in capsys.readouterr().err
 

@@ -21,7 +21,7 @@ from support.videos import film
 import mishutter as ms
 from mishutter import cli
 from mishutter.cli.camera import _error_words
-from mishutter.cli.laboratory import _warn_beyond
+from mishutter.cli.laboratory import warn_beyond
 
 # No message tells this limit to a pixel, and a test just below it would decode 150 megapixels.
 from mishutter.pictures.images import MAX_PIXELS
@@ -348,7 +348,7 @@ def test_errors_of_speeds_are_numbers_that_mean_something(error, words):
 def test_a_speed_outside_those_of_the_scene_asks_for_its_unit(speed, warns, capsys):
     """Also one between 0 and the slowest; 0 is a picture at rest."""
     scene = ms.Scene([290.0, 400.0], photon_rate=1e5, read_noise=3)
-    _warn_beyond(scene, speed)
+    warn_beyond(scene, speed)
     told = capsys.readouterr().err
     assert ("the scene's are 290 to 400 px/s. Is its unit missing" in told) == warns
 

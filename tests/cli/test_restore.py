@@ -263,11 +263,12 @@ def test_a_folder_holds_the_frames(burst_desk, capsys):
     assert re.search(r"f2.png to f10.png +64\d \+- \d", out)
     assert re.search(r"Speed found\s+frames +px/s", out)
     assert "warning" not in err
-    assert cli.main([*command, "--speed", "900"]) == 0
+    assert cli.main([*command, "--speed", "905"]) == 0
     out, err = capsys.readouterr()
     assert re.search(r"Speed\s+frames +px/s", out)
-    assert re.search(r"f2.png to f10.png +900, as told +not trusted, but used", out)
+    assert re.search(r"f2.png to f10.png +905, as told +not trusted, but used", out)
     assert "warning: f2.png to f10.png: " in err
+    assert err.startswith("warning: --speed is 905 px/s; the scene's are -700 to 900 px/s.")
     (folder / "empty").mkdir()
     line = refused(capsys, "restore", "empty", *command[2:])
     assert "`CAPTURE` must be a folder with pictures as PNG, JPEG" in line

@@ -285,15 +285,15 @@ def test_an_answer_ends_with_a_command_that_goes_on(report, tmp_path):
             design=design,
         )
         folder = tmp_path / "a folder"
-        command = shlex.split(app._next_step(judged, None, folder), comments=True)
+        command = shlex.split(app.next_step(None, folder, judged.file_to_build), comments=True)
         assert command[:3] == ["mishutter", "export", str(folder / file)]
         assert command[3:] == ["--out", str(folder / "lab")]
-    again, writes = app._next_step(judged, None, None).split("  # ")
+    again, writes = app.next_step(None, None, judged.file_to_build).split("  # ")
     assert (again, writes) == (
         "mishutter optimise --out design",
         "the design, pictures and a report",
     )
-    own = app._next_step(judged, Path("my own/belt.toml"), None).split("  # ")[0]
+    own = app.next_step(Path("my own/belt.toml"), None, judged.file_to_build).split("  # ")[0]
     assert own == "mishutter optimise 'my own/belt.toml' --out belt"
 
 

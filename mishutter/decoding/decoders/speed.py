@@ -566,9 +566,7 @@ def luminance(
     share = luminance_shares(len(planes))
     levels = np.maximum(planes.mean(axis=(1, 2), dtype=np.float64), 0)
     noise = share**2 @ (levels / model.electrons + model.read_variance)
-    irradiance = np.zeros(planes.shape[1:], np.float32)
-    for weight, plane in zip(share.astype(np.float32), planes, strict=True):
-        irradiance += weight * plane.astype(np.float32)
+    irradiance = np.tensordot(share.astype(np.float32), planes.astype(np.float32), 1)
     # A camera without noise has no logarithm of 0 either.
     return irradiance, max(float(noise), LEAST_POWER)
 

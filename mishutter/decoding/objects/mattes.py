@@ -22,7 +22,7 @@ from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_by_layers
 
 _ROUNDS, _STEPS = 2, 40
-_MOST_ROUNDS, _STANDS = 6, 0.05
+_MOST_ROUNDS, _STANDS = 6, 0.1
 """Rounds in which velocities are refined, at most, and the way at the farthest frame by the last
 step of one at which they end; px."""
 _REACH = 3.0
@@ -43,18 +43,19 @@ def settle(arrangement: Arrangement, known: Knowledge, *, are_told: bool = True)
         known: The statistics of pictures.
         are_told: Whether velocities stay as they are, or are refined as well until they do.
     """
-    for _ in range(_ROUNDS if are_told else _MOST_ROUNDS):
+    are_off = not are_told
+    for turn in range(_MOST_ROUNDS if arrangement.things else 0):
         misfit = Misfit.of(Sight.of(arrangement.stills, arrangement, known))
         layers = light_of(misfit, EnsembleDecoder())
         mattes = [
             _solved(Mixed.of(arrangement, misfit, layers, number), thing.velocity)
             for number, thing in enumerate(arrangement.things)
         ]
-        furthest = 0.0 if are_told else refine_by_layers(arrangement, known, misfit, layers)
+        are_off = are_off and refine_by_layers(arrangement, known, misfit, layers) > _STANDS
         for thing, matte in zip(arrangement.things, mattes, strict=True):
             thing.matte = matte
         arrangement.place()
-        if not are_told and furthest < _STANDS:
+        if turn + 1 >= _ROUNDS and not are_off:
             break
 
 
