@@ -1,6 +1,6 @@
 """The things of frames: velocities, outlines and order, in turn."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -103,14 +103,23 @@ def _refine_parts(arrangement: Arrangement, *, is_first: bool) -> None:
 def _sharpen(arrangement: Arrangement) -> None:
     """Draws outlines by all that is known by now, and solves them near there."""
     cut_out(arrangement, at_edges=True)
-    for number in range(len(arrangement.things) - 1, -1, -1):
-        if arrangement.things[number].area < 1:
-            arrangement.drop(number)
     arrangement.place()
+    _drop_empty(arrangement)
     drawn = [thing.matte for thing in arrangement.things]
     for _ in range(_SHARPENINGS):
         sharpen(arrangement, drawn)
         arrangement.place()
+        drawn = _drop_empty(arrangement, drawn)
+
+
+def _drop_empty(arrangement: Arrangement, drawn: Sequence[Mask] = ()) -> list[Mask]:
+    """Leaves out things whose outline is drawn nowhere, and returns the masks of the others."""
+    kept = list(drawn)
+    for number in range(len(arrangement.things) - 1, -1, -1):
+        if arrangement.things[number].area < 1:
+            arrangement.drop(number)
+            del kept[number : number + 1]
+    return kept
 
 
 def _drop_weakest(arrangement: Arrangement) -> None:
