@@ -390,7 +390,8 @@ class Scene(AbstractModule):
             weights=self.weights if weights is None else weights,
             picture=self.picture.without_metadata(power_spectrum),
             sensor=Sensor(full_well=self.sensor.full_well),
-            limits=replace(self.limits, stage=None),
+            # No integral sees the answer of the stage; what a pan leaves of the top speed may be 0.
+            limits=eqx.tree_at(lambda x: x.stage, self.limits, None, is_leaf=lambda x: x is None),
             burst=None,
             objects=None,
             errors=None,
