@@ -138,12 +138,14 @@ class Level(NamedTuple):
             volumes.append(volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor))
         return Volume(*(np.mean(part, axis=0) for part in zip(*volumes, strict=True)))
 
-    def logarithms(self, velocities: Float[np.ndarray, "s axes"]) -> Float[np.ndarray, "s *rows"]:
+    def logarithms(
+        self, velocities: Float[np.ndarray, "s axes"], tolerance: float = ROUGHLY
+    ) -> Float[np.ndarray, "s *rows"]:
         """Logarithms of the likelihood of velocities, by row along one axis, over no picture's."""
         count = self.canvas.frames[..., 0].size * fast_length(self.canvas.sensor[-1])
         values, at_once = [], max(1, _TOGETHER // count)
         for some in np.split(velocities, range(at_once, len(velocities), at_once)):
-            gains = self.likeliest(some, ROUGHLY).gains
+            gains = self.likeliest(some, tolerance).gains
             volumes = np.array([self.volume(each).logarithm for each in some])
             values.append(gains - volumes.reshape(-1, *[1] * (gains.ndim - 1)))
         return np.concatenate(values)
