@@ -1,6 +1,8 @@
 """The fixed windows of the field: rect, Hann, triangle, Gaussian, Tukey."""
 
 import math
+from collections.abc import Sequence
+from fractions import Fraction
 from functools import lru_cache
 from typing import ClassVar, final
 
@@ -8,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
-from numpy.polynomial import Chebyshev, Polynomial
 
 from mishutter._core.checks import (
     Alike,
@@ -239,15 +240,39 @@ def _whole_roundings(length: Length) -> Length:
     return length + jax.lax.stop_gradient(whole - length)
 
 
-@lru_cache
-def _economised(first: int, reach: float, degree: int) -> list[float]:
-    r"""Coefficients of $\sum_k (-q)^k/(2k + m)!$ on `[0, reach]`, the highest first, to a rounding.
+def _sinc_series(first: int) -> list[Fraction]:
+    """Coefficients of sin(x)/x by powers of x squared, from the power `first` on, to 50 digits."""
+    return [Fraction((-1) ** k, math.factorial(2 * k + 1)) for k in range(first, first + 24)]
 
-    It is $\sin x/x$ for $m = 1$ and $(1 - \sin x/x)/x^2$ for $m = 3$, by $q = x^2$.
+
+@lru_cache
+def _sine_and_deficit() -> tuple[list[float], list[float]]:
+    """Coefficients of sin(x)/x and of 1 - sin(x)/x by its square, for angles on a ramp.
+
+    To a rounding, up to an eighth and a half of a turn. Their sums of fractions take a tenth of a
+    second, which an import need not wait for.
     """
-    taylor = Polynomial([(-1.0) ** k / math.factorial(2 * k + first) for k in range(20)])
-    series = Chebyshev.interpolate(taylor, degree, domain=[0, reach])
-    return series.convert(kind=Polynomial).coef[::-1].tolist()
+    sine = _economised(_sinc_series(0), Fraction(5, 8), 6)
+    return sine, _economised([-c for c in _sinc_series(1)], Fraction(10), 9)
+
+
+def _economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list[float]:
+    """A Taylor polynomial with fewer terms on `[0, reach]`, the highest first.
+
+    Each step removes the last term by a multiple of Chebyshev's polynomial, so that the terms
+    before it make up for it as well as they can (Lanczos).
+    """
+    series = list(taylor)
+    chebyshev = [[Fraction(1)], [Fraction(-1), 2 / reach]]
+    while len(chebyshev) < len(series):
+        before, last = [*chebyshev[-2], 0, 0], chebyshev[-1]
+        longer = zip([0, *last], [*last, 0], before, strict=True)
+        chebyshev.append([4 / reach * c - 2 * d - e for c, d, e in longer])
+    while len(series) - 1 > degree:
+        highest = chebyshev[len(series) - 1]
+        share = series[-1] / highest[-1]
+        series = [x - share * y for x, y in zip(series, highest, strict=True)][:-1]
+    return [float(x) for x in reversed(series)]
 
 
 def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
@@ -259,8 +284,7 @@ def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
     either the slope keeps its digits as well. Both functions are polynomials: terms
     enough for the whole range compile to less than a library's sine.
     """
-    # For angles up to an eighth and a half of a turn.
-    sine, sinc_deficit = _economised(1, 5 / 8, 6), _economised(3, 10.0, 9)
+    sine, sinc_deficit = _sine_and_deficit()
     half = width / 2
     square = (jnp.pi * half) ** 2
     deficit = square * polynomial(sinc_deficit, square)
