@@ -214,11 +214,27 @@ class View:
         return name if self.keys is None else self.keys[name].split()[-1]
 
     def px_of_stage(self, unit: str, key: str) -> float:
-        """Pixels in a unit of the sensor's own way; errors name the `key` in it."""
+        """Pixels in a unit of the sensor's own way.
+
+        Args:
+            unit: The unit of a length or a speed, such as `"mm_per_s"`.
+            key: The key that has it, which an error names.
+
+        Raises:
+            ValueError: if the pixels' pitch is not known.
+        """
         return 1.0 if unit.startswith("px") else _METRES[unit] / self._pitch_for(key)
 
     def px_of_things(self, unit: str, key: str) -> float:
-        """Pixels in a unit of the size or the way of things; errors name the `key` in it."""
+        """Pixels in a unit of the size or the way of things.
+
+        Args:
+            unit: The unit of a length, an angle or a speed, such as `"m_per_s"`.
+            key: The key that has it, which an error names.
+
+        Raises:
+            ValueError: if nothing says how large things are on the sensor.
+        """
         if unit.startswith("px"):
             return 1.0
         if unit == "deg_per_s":

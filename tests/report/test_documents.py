@@ -264,8 +264,8 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
     # Only what is printed before it matters, and both take long.
     monkeypatch.setattr(app.Delivery, "photographed", photographed)
     spoken = app.Delivery(None, as_json=False, num_seeds=1, every_photograph=False, verbose=True)
-    app._deliver(report, spoken)
-    app._deliver(report, spoken._replace(as_json=True))
+    app._deliver(report, spoken, None)
+    app._deliver(report, spoken._replace(as_json=True), None)
     assert seen[0].startswith("A verdict.\n")
     assert "Same motion" in seen[0]
     assert seen[1] == ""
