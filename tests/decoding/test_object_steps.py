@@ -14,6 +14,7 @@ from mishutter.decoding.objects import finding
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.composite import Alone, _along, _blur, _told, whole_of
 from mishutter.decoding.objects.finding import _drop_weakest, _merge, _shown, _tells_nothing
+from mishutter.decoding.objects.grids import from_outline
 from mishutter.decoding.objects.light import (
     Knowledge,
     Misfit,
@@ -212,6 +213,24 @@ def test_frames_are_linear_in_a_matte(number, moves):
     slope = np.sum(mixed.slope(matte).astype(float) * along)
     assert abs(rise) > 10
     assert slope == pytest.approx(rise, rel=1e-2)
+
+
+def test_a_change_of_an_outline_explains_what_it_makes():
+    """Of the frames, and nothing of a change within the thing."""
+    found = arrangement()
+    sight = Sight.of(found.stills, found, KNOWN)
+    layers = [(0.8, 0.1, 0.1)[n] + 0 * one for n, one in enumerate(layers_like(sight, 11))]
+    mixed, velocity = Mixed.of(found, Misfit.of(sight), layers, 0), found.things[0].velocity
+    matte = mixed.sheet.matte
+    none, inner = np.zeros_like(matte), from_outline(matte > 0.5) * (matte > 0.5)
+
+    def left(change):
+        rest = change - mixed.explained(change, velocity)
+        return np.sum(mixed.weights * rest**2) / np.sum(mixed.weights * change**2)
+
+    wider = ndimage.binary_dilation(matte > 0.5).astype(np.float32)
+    assert left(mixed.frames(wider) - mixed.frames(matte)) < 0.05
+    assert left(mixed.frames((inner > 5).astype(np.float32)) - mixed.frames(none)) > 0.9
 
 
 def test_outlines_cost_less_at_edges_of_light():

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
+from scipy.sparse.linalg import LinearOperator, cg
 
 from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.decoders.linear import EnsembleDecoder
@@ -31,6 +32,9 @@ _EDGE, _BIAS = 1.0, 0.1
 """Logarithms of likelihoods that a pixel of outline has to bring, and one of a thing."""
 _SHARED = 0.25
 """Share of the frames by which the expected error of a thing's light counts: all have it alike."""
+_TOLD, _NEARLY = 4.0, 0.03
+"""One over the variance of a pixel's cover, of which nothing else is known, and the share of a
+residual at which conjugate gradients end."""
 _SAFE = 1.5
 """Curvature that is counted with, beside the greatest one near a pixel."""
 
@@ -47,11 +51,14 @@ def settle(arrangement: Arrangement, known: Knowledge, *, are_told: bool = True)
     for turn in range(_MOST_ROUNDS if arrangement.things else 0):
         misfit = Misfit.of(Sight.of(arrangement.stills, arrangement, known))
         layers = light_of(misfit, EnsembleDecoder())
+        mixed = [Mixed.of(arrangement, misfit, layers, n) for n in range(len(arrangement.things))]
         mattes = [
-            _solved(Mixed.of(arrangement, misfit, layers, number), thing.velocity)
-            for number, thing in enumerate(arrangement.things)
+            _solved(one, thing.velocity)
+            for one, thing in zip(mixed, arrangement.things, strict=True)
         ]
-        are_off = are_off and refine_by_layers(arrangement, known, misfit, layers) > _STANDS
+        if are_off:
+            by_mattes = [one.explained for one in mixed]
+            are_off = refine_by_layers(arrangement, known, misfit, layers, by_mattes) > _STANDS
         for thing, matte in zip(arrangement.things, mattes, strict=True):
             thing.matte = matte
         arrangement.place()
@@ -112,6 +119,28 @@ class Mixed(NamedTuple):
             cover = cover + response * rfftn(pull * self.behind[k])
         size = self.sheet.size
         return irfftn(cover, size) - self.light * irfftn(light, size)
+
+    def explained(
+        self,
+        change: Float[np.ndarray, "frames rows columns"],
+        velocity: Float[np.ndarray, "2"],
+    ) -> Float[np.ndarray, "frames rows columns"]:
+        """What a change of the matte near the outline explains of a change of the frames."""
+        size, near = self.sheet.size, from_outline(self.sheet.matte > 0.5) <= _REACH
+        none, matte = np.zeros(size, np.float32), np.zeros(size, np.float32)
+        still = self.frames(none)
+        changed = self._replace(rest=change + still)
+        pull = -changed.slope(none)[near]
+        most = self.curvature(velocity)[near] + _TOLD
+
+        def curved(pixels: np.ndarray) -> np.ndarray:
+            matte[near] = pixels
+            return changed.slope(matte)[near] + pull + _TOLD * pixels
+
+        whole = LinearOperator((pull.size, pull.size), matvec=curved, dtype=np.float32)
+        scale = LinearOperator(whole.shape, matvec=lambda x: x / most, dtype=np.float32)
+        matte[near], _ = cg(whole, pull, rtol=_NEARLY, maxiter=_STEPS, M=scale)
+        return self.frames(matte) - still
 
     def curvature(self, velocity: Float[np.ndarray, "2"]) -> Mask:
         """The greatest curvature of these near each pixel, for a thing of some velocity."""

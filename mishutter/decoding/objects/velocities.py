@@ -6,6 +6,8 @@ behind times the slope of the cover at the outline. The light of each pixel, or 
 unknown as the velocity: the part of a change that either would explain tells nothing.
 """
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from scipy import ndimage
 
@@ -56,17 +58,24 @@ def refine_velocity(arrangement: Arrangement, number: int, lights: Lights | None
 
 
 def refine_by_layers(
-    arrangement: Arrangement, known: Knowledge, misfit: Misfit, layers: Layers
+    arrangement: Arrangement,
+    known: Knowledge,
+    misfit: Misfit,
+    layers: Layers,
+    by_mattes: Sequence[Callable[[np.ndarray, np.ndarray], np.ndarray]],
 ) -> float:
     r"""Moves velocities to where the layers explain frames best, however each is blurred.
 
-    Of the slope of the frames by a velocity, what a change of the light explains tells nothing.
+    Of the slope of the frames by a velocity, what a change of the light or of the outline explains
+    tells nothing.
 
     Args:
         arrangement: The things.
         known: The statistics of pictures.
         misfit: The misfit of the layers.
         layers: Their light.
+        by_mattes: For each thing, what a change of its outline explains of a change of the frames,
+            at a velocity.
 
     Returns:
         The longest way of a step, at the frame farthest from the picture; px.
@@ -76,11 +85,8 @@ def refine_by_layers(
     among, left = np.ix_(free, free), stills.light - sight.frames(layers)
     for number, thing in enumerate(arrangement.things):
         sheet = sight.sheets[number + 1]
-        slopes, forces, information = (
-            np.zeros((2, *left.shape)),
-            np.zeros((2, *sheet.size)),
-            np.eye(2),
-        )
+        slopes, forces = np.zeros((2, *left.shape)), np.zeros((2, *sheet.size))
+        information, push = np.eye(2), np.zeros(2)
         for axis in free:
             aside = _ASIDE / late * np.eye(2)[axis]
             after, before = (
@@ -90,11 +96,12 @@ def refine_by_layers(
             slopes[axis] = (after - before) * (late / (2 * _ASIDE))
         for axis in free:
             explained = misfit.likeliest(sight.layers(sight.inverse * slopes[axis]))
-            own = sight.inverse * (slopes[axis] - sight.frames(explained))
+            own = slopes[axis] - sight.frames(explained)
+            own = sight.inverse * (own - by_mattes[number](own, thing.velocity))
             information[axis] = np.sum(own * slopes, axis=(1, 2, 3))
+            push[axis] = np.sum(own * left)
             for way, force in zip(sheet.until, own * left, strict=True):
                 forces[axis] += sheet.window.aside(way).cut(force)
-        push = np.sum(sight.inverse * left * slopes, axis=(1, 2, 3))
         certain = np.eye(2) / thing.uncertainty**2
         push += certain @ (thing.first - thing.velocity)
         inverse = np.linalg.inv((information + certain)[among])
