@@ -137,8 +137,10 @@ class Mixed(NamedTuple):
             matte[near] = pixels
             return changed.slope(matte)[near] + pull + _TOLD * pixels
 
-        whole = LinearOperator((pull.size, pull.size), matvec=curved, dtype=np.float32)
-        scale = LinearOperator(whole.shape, matvec=lambda x: x / most, dtype=np.float32)
+        whole, scale = (
+            LinearOperator((pull.size, pull.size), matvec=each, dtype=np.float32)  # type: ignore[call-arg]
+            for each in (curved, lambda pixels: pixels / most)
+        )
         matte[near], _ = cg(whole, pull, rtol=_NEARLY, maxiter=_STEPS, M=scale)
         return self.frames(matte) - still
 
