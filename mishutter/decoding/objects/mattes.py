@@ -125,7 +125,7 @@ class Mixed(NamedTuple):
         change: Float[np.ndarray, "frames rows columns"],
         velocity: Float[np.ndarray, "2"],
     ) -> Float[np.ndarray, "frames rows columns"]:
-        """What a change of the matte near the outline explains of a change of the frames."""
+        """The part of a change of the frames that one of the matte near its outline explains."""
         size, near = self.sheet.size, from_outline(self.sheet.matte > 0.5) <= _REACH
         none, matte = np.zeros(size, np.float32), np.zeros(size, np.float32)
         still = self.frames(none)
