@@ -220,12 +220,12 @@ def test_a_change_of_an_outline_explains_what_it_makes():
     found = arrangement()
     sight = Sight.of(found.stills, found, KNOWN)
     layers = [(0.8, 0.1, 0.1)[n] + 0 * one for n, one in enumerate(layers_like(sight, 11))]
-    mixed, velocity = Mixed.of(found, Misfit.of(sight), layers, 0), found.things[0].velocity
+    mixed = Mixed.of(found, Misfit.of(sight), layers, 0)
     matte = mixed.sheet.matte
     none, inner = np.zeros_like(matte), from_outline(matte > 0.5) * (matte > 0.5)
 
     def left(change):
-        rest = change - mixed.explained(change, velocity)
+        rest = change - mixed.explained(change)
         return np.sum(mixed.weights * rest**2) / np.sum(mixed.weights * change**2)
 
     wider = ndimage.binary_dilation(matte > 0.5).astype(np.float32)

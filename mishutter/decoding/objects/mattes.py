@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.sparse.linalg import LinearOperator, cg
 
@@ -52,10 +52,7 @@ def settle(arrangement: Arrangement, known: Knowledge, *, are_told: bool = True)
         misfit = Misfit.of(Sight.of(arrangement.stills, arrangement, known))
         layers = light_of(misfit, EnsembleDecoder())
         mixed = [Mixed.of(arrangement, misfit, layers, n) for n in range(len(arrangement.things))]
-        mattes = [
-            _solved(one, thing.velocity)
-            for one, thing in zip(mixed, arrangement.things, strict=True)
-        ]
+        mattes = [_solved(one) for one in mixed]
         if are_off:
             by_mattes = [one.explained for one in mixed]
             are_off = refine_by_layers(arrangement, known, misfit, layers, by_mattes) > _STANDS
@@ -78,22 +75,28 @@ class Mixed(NamedTuple):
     behind: list[np.ndarray]
     rest: Float[np.ndarray, "frames rows columns"]  # Frames less what they mix
     weights: Float[np.ndarray, "frames rows columns"]  # One over the noise and the light's errors
+    near: Bool[np.ndarray, "m n"]  # Pixels of the canvas about the outline
+    curvature: Mask  # The greatest one of half of the weighted squares near each pixel
 
     @staticmethod
     def of(arrangement: Arrangement, misfit: Misfit, layers: Layers, number: int) -> "Mixed":
         """That of one of the things, by the light of all layers."""
         sight, stills = misfit.sight, arrangement.stills
         sheet, shares = sight.sheets[number + 1], sight.shares[number + 1]
+        light, velocity = layers[number + 1], arrangement.things[number].velocity
         doubts = misfit.errors[0], _SHARED * stills.count * misfit.errors[number + 1]
         variance, behind = 1 / sight.inverse, []
         for k, part in enumerate(stills.parts):
             for one, doubt in zip((sight.sheets[0], sheet), doubts, strict=True):
                 here = one.window.aside(one.ways[k])
                 here.add(variance[part.frame], np.float32(part.share) * doubt)
-            light = _behind(arrangement, sight, layers, number, k)
-            behind.append(sheet.window.aside(sheet.ways[k]).cut(light))
-        left = stills.light - sight.frames(layers)
-        mixed = Mixed(stills, sheet, layers[number + 1], shares, behind, left, 1 / variance)
+            whole = _behind(arrangement, sight, layers, number, k)
+            behind.append(sheet.window.aside(sheet.ways[k]).cut(whole))
+        left, weights = stills.light - sight.frames(layers), 1 / variance
+        near = from_outline(sheet.matte > 0.5) <= _REACH
+        contrasts = [seen * (light - dark) for seen, dark in zip(shares, behind, strict=True)]
+        curvature = _curvature(stills, sheet, contrasts, weights, velocity)
+        mixed = Mixed(stills, sheet, light, shares, behind, left, weights, near, curvature)
         return mixed._replace(rest=left + mixed.frames(sheet.matte))
 
     def frames(self, matte: Mask) -> Float[np.ndarray, "frames rows columns"]:
@@ -121,17 +124,15 @@ class Mixed(NamedTuple):
         return irfftn(cover, size) - self.light * irfftn(light, size)
 
     def explained(
-        self,
-        change: Float[np.ndarray, "frames rows columns"],
-        velocity: Float[np.ndarray, "2"],
+        self, change: Float[np.ndarray, "frames rows columns"]
     ) -> Float[np.ndarray, "frames rows columns"]:
         """The part of a change of the frames that one of the matte near its outline explains."""
-        size, near = self.sheet.size, from_outline(self.sheet.matte > 0.5) <= _REACH
+        size, near = self.sheet.size, self.near
         none, matte = np.zeros(size, np.float32), np.zeros(size, np.float32)
         still = self.frames(none)
         changed = self._replace(rest=change + still)
         pull = -changed.slope(none)[near]
-        most = self.curvature(velocity)[near] + _TOLD
+        most = self.curvature[near] + _TOLD
 
         def curved(pixels: np.ndarray) -> np.ndarray:
             matte[near] = pixels
@@ -144,22 +145,27 @@ class Mixed(NamedTuple):
         matte[near], _ = cg(whole, pull, rtol=_NEARLY, maxiter=_STEPS, M=scale)
         return self.frames(matte) - still
 
-    def curvature(self, velocity: Float[np.ndarray, "2"]) -> Mask:
-        """The greatest curvature of these near each pixel, for a thing of some velocity."""
-        total, longest = np.zeros(self.sheet.size, np.float32), 0.0
-        for k, part in enumerate(self.stills.parts):
-            weight = self.sheet.window.aside(self.sheet.ways[k]).cut(self.weights[part.frame])
-            contrast = self.shares[k] * (self.light - self.behind[k])
-            total += np.float32(part.share) * weight * contrast**2
-            longest = max(longest, float(np.hypot(*part.blur(velocity))))
-        return ndimage.maximum_filter(total, 2 * math.ceil(longest / 2) + 3)
+
+def _curvature(
+    stills: Stills,
+    sheet: Sheet,
+    contrasts: list[np.ndarray],  # Of a thing with what is behind it, in each part of the frames
+    weights: np.ndarray,
+    velocity: Float[np.ndarray, "2"],
+) -> Mask:
+    """The greatest curvature of half of the weighted squares near each pixel of a thing's matte."""
+    total, longest = np.zeros(sheet.size, np.float32), 0.0
+    for k, (part, contrast) in enumerate(zip(stills.parts, contrasts, strict=True)):
+        weight = sheet.window.aside(sheet.ways[k]).cut(weights[part.frame])
+        total += np.float32(part.share) * weight * contrast**2
+        longest = max(longest, float(np.hypot(*part.blur(velocity))))
+    return ndimage.maximum_filter(total, 2 * math.ceil(longest / 2) + 3)
 
 
-def _solved(mixed: Mixed, velocity: Float[np.ndarray, "2"]) -> Mask:
-    """The matte of least misfit and few edges, near the one that a thing of a velocity has."""
-    sheet = mixed.sheet
-    near = (from_outline(sheet.matte > 0.5) <= _REACH).astype(np.float32)
-    step = (1 / (_SAFE * mixed.curvature(velocity) + 4)).astype(np.float32)
+def _solved(mixed: Mixed) -> Mask:
+    """The matte of least misfit and few edges, near the one that a thing has."""
+    sheet, near = mixed.sheet, mixed.near.astype(np.float32)
+    step = (1 / (_SAFE * mixed.curvature + 4)).astype(np.float32)
     costs = np.full(sheet.size, np.float32(_EDGE))
     slope = lambda matte: near * (mixed.slope(matte) + _BIAS)  # noqa: E731
     solved = of_few_edges(sheet.matte, slope, costs, step, _STEPS)

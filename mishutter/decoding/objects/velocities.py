@@ -62,7 +62,7 @@ def refine_by_layers(
     known: Knowledge,
     misfit: Misfit,
     layers: Layers,
-    by_mattes: Sequence[Callable[[np.ndarray, np.ndarray], np.ndarray]],
+    by_mattes: Sequence[Callable[[np.ndarray], np.ndarray]],
 ) -> float:
     r"""Moves velocities to where the layers explain frames best, however each is blurred.
 
@@ -74,8 +74,7 @@ def refine_by_layers(
         known: The statistics of pictures.
         misfit: The misfit of the layers.
         layers: Their light.
-        by_mattes: For each thing, what a change of its outline explains of a change of the frames,
-            at a velocity.
+        by_mattes: For each thing, what a change of its outline explains of a change of the frames.
 
     Returns:
         The longest way of a step, at the frame farthest from the picture; px.
@@ -97,7 +96,7 @@ def refine_by_layers(
         for axis in free:
             explained = misfit.likeliest(sight.layers(sight.inverse * slopes[axis]))
             own = slopes[axis] - sight.frames(explained)
-            own = sight.inverse * (own - by_mattes[number](own, thing.velocity))
+            own = sight.inverse * (own - by_mattes[number](own))
             information[axis] = np.sum(own * slopes, axis=(1, 2, 3))
             push[axis] = np.sum(own * left)
             for way, force in zip(sheet.until, own * left, strict=True):
