@@ -54,9 +54,10 @@ def number_rows(lines: Sequence[str], count: int, name: str) -> np.ndarray:
     requirement = f"hold {count} {'number' if count == 1 else 'numbers'} a row"
     try:
         numbers = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
-    except ValueError as error:  # it tells the row
-        reason = str(error).partition(";")[0].removesuffix(".")
-        raise ValueError(f"{name} must {requirement}; got: {reason}.") from None
+    except ValueError as error:  # it tells a row that is shorter or longer, or what is no number
+        # NumPy counts the rows of words from 0, unlike those of other lengths.
+        reason = str(error).partition(";")[0].partition(" to float64")[0].removesuffix(".")
+        raise ValueError(f"`{name}` must {requirement}; got: {reason}.") from None
     require(numbers.shape[1] == count, name, requirement, Unquoted(f"{numbers.shape[1]}"))
     is_finite = np.isfinite(numbers).all(axis=1)
     got = Unquoted(lines[int(np.argmin(is_finite))])
