@@ -238,8 +238,6 @@ def _write(
     table: "DriveTable | FrameTable", folder: Path, form: FormatName, *, returns: bool = False
 ) -> list[str]:
     """Writes a table, its triggers, its picture and the path of its stage; returns their names."""
-    import numpy as np
-
     from mishutter.hardware.drive_files import DRIVE_FORMATS
     from mishutter.hardware.triggers import FrameTable
     from mishutter.report.plots import plot_drive, plot_frames, save_figure
@@ -253,9 +251,8 @@ def _write(
     else:
         save_figure(plot_drive(table), folder / "drive.png")
         files += ["drive.png"]
-    if np.any(table.exposures.pan):
-        pan = ", ".join(f"{speed:,.4g}" for speed in np.atleast_1d(table.exposures.pan))
-        note(f"the camera turns at {pan} px/s meanwhile, which no file here makes it do")
+    if table.exposures.turning:
+        note(f"{table.exposures.turning} meanwhile, which no file here makes it do")
     path = table.stage_csv(returns=returns)
     if path is not None:
         write_text(folder / "stage.csv", path)

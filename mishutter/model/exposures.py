@@ -274,6 +274,12 @@ class Exposures:
         return f"{_listed(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
 
     @property
+    def turning(self) -> str:
+        """The camera's turning in words; empty where it does not turn."""
+        speeds = ", ".join(f"{speed:,.4g}" for speed in self._turning)
+        return f"the camera turns at {speeds} px/s" if np.any(self._turning) else ""
+
+    @property
     def _range(self) -> str:
         """The least and the greatest exposure; ms."""
         low, high = (three_digits(1e3 * each(self.exposures)) for each in (min, max))

@@ -245,9 +245,8 @@ def sentences_of(
         said.append(_on_objects(scene.occlusion))
     if choice.hides_speed:
         said.append("The speed cannot be found: the blur differs too little between the speeds.")
-    if choice.sequence is not None and np.any(choice.sequence.pan):
-        pan = ", ".join(f"{speed:,.4g}" for speed in np.atleast_1d(choice.sequence.pan))
-        said.append(f"The camera turns at {pan} px/s.")
+    if choice.sequence is not None and choice.sequence.turning:
+        said.append(f"{choice.sequence.turning.capitalize()}.")
     if STAGE in choice.required_hardware:
         said.append(_on_stage(scene, rows, choice))
     one_filter = scene.velocities is not None and scene.decoder_speed == "unknown"
