@@ -186,9 +186,9 @@ def test_files_of_a_camera_stand_for_its_parts(tmp_path, capsys):
     assert "trace.csv: it falls where the shutter opens" in capsys.readouterr().err
     assert float(alone.motion.acceleration) == float(MOTION.acceleration)
     a_plane_design().save(tmp_path / "plane.json")
-    with pytest.raises(ValueError, match="--drive` must be left out for a design in the plane"):
+    with pytest.raises(ValueError, match="--drive` must be left out for a design of frames"):
         cameras(None, tmp_path / "plane.json", CameraFiles(drive=tmp_path / "drive.npy"))
-    with pytest.raises(ValueError, match="--measured` must be left out for a design in the plane"):
+    with pytest.raises(ValueError, match="--measured` must be left out for a design of frames"):
         cameras(None, tmp_path / "plane.json", CameraFiles(measured=tmp_path / "trace.csv"))
     assert list(cameras(None, tmp_path / "plane.json", CameraFiles()).designs) == ["as designed"]
     assert len(table().splitlines()) == STEPS + 2

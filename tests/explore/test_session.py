@@ -116,7 +116,7 @@ def test_the_first_answer_is_a_design_for_the_new_scene(started):
 def test_first_answers_are_within_what_the_stage_reaches(started):
     """Also where its travel and its acceleration end sooner than stroke and top speed."""
     motion = ParabolicMotion(acceleration=3.6e4, half_exposure=0.013)
-    before = replace(started.design, motion=motion)
+    before = started.design.with_one(motion=motion)
     tables = TABLES | {"limits": TABLES["limits"] | {"max_travel_px": 4.5}}
     scene = sessions.built(tables | {"light": {"photon_rate_per_s": 1.9e5}}, {})
     for turn in (0, 1):
