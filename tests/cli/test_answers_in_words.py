@@ -198,7 +198,7 @@ def test_why_a_design_has_no_path_is_said():
     """Of a stage at rest, also below a camera that pans, and of one that pans without a limit."""
     still = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
     assert export._without_path(still) == "the stage stays at rest"
-    panning = replace(still, motion=LinearMotion(half_exposure=0.01, velocity=-312.5))
+    panning = still.with_one(motion=LinearMotion(half_exposure=0.01, velocity=-312.5))
     assert "the stage pans at -312.5 px/s, and no limit" in export._without_path(panning)
     scene = Scene([-300.0], photon_rate=1e5, read_noise=3.0, limits=Limits(pans="camera"))
     words = export._without_path(replace(panning, scene=scene))

@@ -191,7 +191,7 @@ def test_a_sensor_without_acceleration_has_no_run_up():
     """At rest there is no path, and a pan's has the acceleration that the stage is given."""
     resting = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
     assert drive_table(resting, num_steps=5).stage_csv() is None
-    panning = replace(resting, motion=LinearMotion(half_exposure=0.01, velocity=300.0))
+    panning = resting.with_one(motion=LinearMotion(half_exposure=0.01, velocity=300.0))
     assert drive_table(panning, num_steps=5).stage_csv() is None
     limited = replace(panning, scene=_scene(limits=Limits(max_acceleration=1e5)))
     path = drive_table(limited, num_steps=50).stage_csv()
