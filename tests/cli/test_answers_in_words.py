@@ -196,7 +196,7 @@ def test_files_of_a_camera_stand_for_its_parts(tmp_path, capsys):
 
 def test_why_a_design_has_no_path_is_said():
     """Of a stage at rest, also below a camera that pans, and of one that pans without a limit."""
-    still = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
+    still = a_design(HannShutter(), motion=StillCamera(half_exposure=0.01))
     assert export._without_path(still) == "the stage stays at rest"
     panning = still.with_one(motion=LinearMotion(half_exposure=0.01, velocity=-312.5))
     assert "the stage pans at -312.5 px/s, and no limit" in export._without_path(panning)
@@ -316,7 +316,7 @@ def test_the_whole_table_says_how_the_search_ended(capsys):
             "Stage at most 600000 px/s^2, v = 0 px/s, open for 16 ms.",
         ),
     ):
-        design = replace(a_design(HannShutter()), motion=motion)
+        design = a_design(HannShutter(), motion=motion)
         table = SimpleNamespace(
             title="Rows", columns=["name", "dB"], rows=[["a", "1"]], notes=["n"]
         )

@@ -5,7 +5,6 @@ import io
 import json
 import re
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +131,7 @@ def test_a_first_answer_leaves_room_for_the_pan():
     pan = {"half_exposure": 6e-3, "velocity": 1800.0}
     most = float(limits.largest_acceleration(np.asarray(6e-3), np.asarray(1800.0)))
     motion = ParabolicMotion(acceleration=most, **pan)
-    before = replace(a_design(SplineShutter([0.3, 0.8, 1.0, 0.6])), scene=scene, motion=motion)
+    before = a_design(SplineShutter([0.3, 0.8, 1.0, 0.6]), scene=scene, motion=motion)
     for turn in (0, 1):
         answer = first_answer(scene, before, turn)
         half, velocity = answer.motion.half_exposure, answer.motion.velocity

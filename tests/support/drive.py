@@ -6,10 +6,10 @@ from mishutter import Design, OneExposure, Outcome
 from support.designs import MOTION, SCENE
 
 
-def a_design(shutter):
+def a_design(shutter, motion=MOTION, scene=SCENE):
     one = OneExposure(
         shutter=shutter,
-        motion=MOTION,
+        motion=motion,
         loss=0.3,
         history=np.array([0.3]),
         outcome=Outcome.CONVERGED,
@@ -17,4 +17,4 @@ def a_design(shutter):
         loss_name="ExpectedErrorLoss()",
         best_start_loss=0.3,
     )
-    return Design(SCENE, one=one)
+    return Design(scene, one=one)
