@@ -295,9 +295,12 @@ def is_right(noise):
     return holds(noise.electrons_at_white, 3100, 0.05) and holds(noise.read_noise, 4.3, 0.15)
 
 
-@pytest.mark.parametrize("share", [0.15, 0.5])
+@pytest.mark.parametrize("share", [0.15, -0.3])
 def test_noise_reduction_over_time_is_refused(share):
-    """Frames that hold a share of the one before them are less unlike it than those after that."""
+    """Frames that hold a share of the one before them are less unlike it than those after that.
+
+    Where change over time is enhanced they are more unlike it.
+    """
     frames = [each.astype(float) for each in recorded([LIT] * 14)]
     for k in range(1, len(frames)):
         frames[k] = (1 - share) * frames[k] + share * frames[k - 1]
