@@ -32,7 +32,7 @@ from mishutter.measurement.photon_transfer import (
     rough_law,
     transfer_of,
 )
-from mishutter.measurement.scene import _narrowest, _quantile, along_axis
+from mishutter.measurement.scene import _narrowest, _quantile, _reason, along_axis
 from mishutter.measurement.signs import _correlates, signs_of, too_narrow
 from mishutter.measurement.signs import _leap as _leap_of_variance
 from mishutter.measurement.steady import (
@@ -343,6 +343,8 @@ def test_a_lead_is_that_of_the_tiles_about_the_middle():
     assert _lead(sweep, np.array([4.0, 0.0]), mask) == pytest.approx(0.1 * gap * 144 * 3 / 2)
     assert _lead(sweep, np.array([4.0, 0.0]), np.roll(mask, 96, 0)) == 0
     assert _lead(sweep, np.array([2.0, 0.0]), mask) == 0
+    few = Sweep(velocities[:2] / 4, residuals[:2], 1.0, 48, 0.1)
+    assert _lead(few, np.array([0.5, 0.0]), mask) == 0  # no velocity is farther away
 
 
 def test_a_line_is_that_of_most_points():
@@ -584,6 +586,20 @@ def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypat
     steady = Steady.of(frames)._replace(focus=focus)
     found = signs_of(clip, steady, transfer, None)
     assert [each.reason[: len(reason or "")] for each in found] == [reason] * (reason is not None)
+
+
+def test_a_number_is_not_known_for_a_reason_of_its_own():
+    """That black is not known stands there where nothing else does."""
+    black, noise, other = (
+        Refusal(number, f"{number} is hidden", "remedy")
+        for number in ("the level of black", "the noise", "the read noise")
+    )
+    for refusals, first in (
+        ((black,), black),
+        ((black, noise, other), noise),
+        ((other, black, noise), other),
+    ):
+        assert _reason(refusals) == f"not known: {first.reason}"
 
 
 @pytest.mark.parametrize(("deviation", "exceeds"), [(0.39, False), (0.41, True)])
