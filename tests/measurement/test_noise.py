@@ -58,6 +58,7 @@ def test_without_black_the_read_noise_is_an_interval():
     assert low < 4.3 < high + 0.3
     assert noise.black is None
     assert noise.read_noise == pytest.approx(((low + high) / 2, (high - low) / 4))
+    assert noise.black_level == pytest.approx(np.mean(noise.black_range))
     least, most = noise.black_range
     assert least <= 64 <= most + 1
     # No noise has a square below 0, and no black lies above the darkest block.

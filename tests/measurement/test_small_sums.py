@@ -474,6 +474,19 @@ def test_levels_tell_a_slope_from_twice_the_darkest_on():
         assert too_narrow(transfer, black, has_others=True) is None
 
 
+def test_levels_in_another_unit_are_of_the_same_law():
+    """One step of the file is 16 of another's: the slope is 16 times as steep, all else 256."""
+    blocks = some_blocks()
+    coarse = replace(
+        blocks, **{name: 256 * getattr(blocks, name) for name in ("variance", "parts", "texture")}
+    )
+    coarse = replace(coarse, mean=16 * blocks.mean)
+    for found in (lambda clip, step: transfer_of(clip, None, step).law, rough_law):
+        own, other = found(blocks, 0.5), found(coarse, 8.0)
+        wanted = 256 * own.dark, 16 * own.gain, 256 * own.floor
+        assert (other.dark, other.gain, other.floor) == pytest.approx(wanted, rel=1e-6)
+
+
 def test_a_variance_leaps_where_it_does():
     """At the bin that both parts share, to a line that goes on as steeply above it."""
     level = np.linspace(100, 1600, 16)
@@ -490,6 +503,7 @@ def test_a_law_of_one_level_has_no_slope():
     flat = replace(some_blocks(), mean=np.full(900, 500.0), variance=np.full(900, 31.0))
     assert _first_law(flat, 0.1) == Law(31.0, 0.0, 0.1)
     assert _first_law(flat.where(np.arange(900) < 59), 0.1) is None
+    assert _first_law(flat.where(np.arange(900) < 60), 0.1) is not None
     own = some_blocks(count=3600)
     found = _first_law(own, 0.1)
     least = 1 - 0.6745 * 0.1
