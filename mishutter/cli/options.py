@@ -2,7 +2,6 @@
 
 from enum import Enum
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -209,15 +208,18 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
     return tuple(name.value for name in free) if free else None
 
 
-def _made(name: Enum, noun: str) -> Any:
-    """The object that an option names, with its defaults: `KnownSpeedLoss` for "known-speed"."""
-    words = (word.capitalize() for word in name.value.split("-"))
-    return getattr(import_module("mishutter"), f"{''.join(words)}{noun}")()
-
-
 def named_decoder(name: DecoderName) -> "AbstractDecoder":
     """The decoder of a name, with the parameters that it has by default."""
-    return _made(name, "Decoder")
+    import mishutter as ms
+
+    decoders = {
+        DecoderName.ENSEMBLE: ms.EnsembleDecoder,
+        DecoderName.WIENER: ms.WienerDecoder,
+        DecoderName.RICHARDSON_LUCY: ms.RichardsonLucyDecoder,
+        DecoderName.TOTAL_VARIATION: ms.TotalVariationDecoder,
+        DecoderName.SPEED_FINDING: ms.SpeedFindingDecoder,
+    }
+    return decoders[name]()
 
 
 def judge_of(
@@ -244,6 +246,16 @@ def judge_of(
 
 def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
     """The loss of a name; by default the expected error of the scene's decoder."""
+    import mishutter as ms
     from mishutter.evaluation.speed_knowledge import loss_of_decoder
 
-    return loss_of_decoder(scene) if name is None else _made(name, "Loss")
+    if name is None:
+        return loss_of_decoder(scene)
+    made = {
+        LossName.EXPECTED_ERROR: ms.ExpectedErrorLoss,
+        LossName.KNOWN_SPEED: ms.KnownSpeedLoss,
+        LossName.FOUND_SPEED: ms.FoundSpeedLoss,
+        LossName.WORST_SPEED: ms.WorstSpeedLoss,
+        LossName.DESIGN: ms.DesignLoss,
+    }
+    return made[name]()
