@@ -251,10 +251,13 @@ def test_one_speed_has_the_ceiling_of_a_camera_that_keeps_up_with_it():
 
 
 def test_a_shift_of_all_speeds_changes_nothing():
-    """A pan does the same to the sensor."""
-    scene = SCENES["dim"]
-    shifted = scene.without_metadata(speeds=scene.speeds + 1234.5)
-    assert float(ceiling(shifted)) == pytest.approx(float(ceiling(scene)), rel=1e-12)
+    """A pan does the same to the sensor; be they of either sign about it or of one."""
+    even = SCENES["dim"].without_metadata(
+        speeds=np.array([-900.0, 0.0, 900.0]), weights=np.ones(3) / 3
+    )
+    for scene in (SCENES["dim"], even):
+        shifted = scene.without_metadata(speeds=scene.speeds + 1234.5)
+        assert float(ceiling(shifted)) == pytest.approx(float(ceiling(scene)), rel=1e-12)
 
 
 def test_more_light_and_longer_exposures_raise_the_ceiling():
