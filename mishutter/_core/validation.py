@@ -111,12 +111,14 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
     names = tuple(part for part in tables if isinstance(part, str))
     places = [p for p in _known_keys(model) if p != names]
     siblings = [p for p in places if p[:-1] == names]
-    renamed = _section(model, names).renamed
+    own = _section(model, names).renamed.get(key)
     nearest = (
-        [p for p in [*siblings, *places] if p[-1] == renamed.get(key)]
+        [p for p in [*siblings, *places] if p[-1] == own]
         or [p for p in siblings if key and p[-1].startswith(key)]
         or _close(key, siblings, cutoff=0.9)
         or _close(key, places, cutoff=0.9)
+        # Words for a key are known in all tables, as people look for its table too.
+        or [p for p in places if p[-1] == _section(model, p[:-1]).renamed.get(key)]
         or _close(key, siblings, cutoff=0.6)
     )
     of_table = ", ".join(p[-1] for p in siblings) if 1 < len(siblings) <= 10 or not tables else ""

@@ -223,6 +223,8 @@ class BurstSection(Section):
     renamed: ClassVar[Mapping[str, str]] = {
         "frames": "max_frames",
         "count": "max_frames",
+        "fps": "frames_per_s",
+        "frame_rate": "frames_per_s",
         "window": "window_ms",
     }
 

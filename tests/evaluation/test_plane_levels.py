@@ -298,6 +298,14 @@ def test_water_is_poured_where_it_gains_most():
     assert least == pytest.approx(best, abs=2e-3)
 
 
+def test_slow_things_have_the_ceiling_of_one_still():
+    """In 10 ms they pass a hundredth of a pixel, so that the cap alone counts."""
+    scene = Scene.any_direction(1.0, photon_rate=3e4, read_noise=10.0)
+    still = PlaneFrames(np.zeros(1), np.array([0.01]), np.ones(1), np.zeros((2, 2)))
+    wanted = float(exposures_psnr(scene, still))
+    assert exposures_ceiling(scene, still.exposures) == pytest.approx(wanted, abs=1e-4)
+
+
 def test_the_ceiling_before_a_background_is_that_of_its_parts():
     """Of the objects by their share, and of what rests, with which any path keeps up."""
     light, exposures = {"photon_rate": 3e4, "read_noise": 9.0}, np.array([0.01, 0.002, 0.006])

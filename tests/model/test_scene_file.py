@@ -523,6 +523,24 @@ def test_a_burst_that_a_file_cannot_have(keys, message, tmp_path):
         Scene.load(path)
 
 
+@pytest.mark.parametrize(
+    ("table", "word", "key"),
+    [
+        ("limits", "frames", "[burst] max_frames"),
+        ("sensor", "window", "[burst] window_ms"),
+        ("light", "rolling_shutter", "[sensor] readout_ms"),
+        ("burst", "fps", "[burst] frames_per_s"),
+        ("limits", "stage", "[limits] max_stroke_px"),
+    ],
+)
+def test_words_for_a_key_are_known_in_every_table(table, word, key, tmp_path):
+    """Where a table has no key that is nearly the word."""
+    text = WITHOUT_BURST + "\n[burst]\nframes_per_s = 9\n"
+    path = written(tmp_path, text.replace(f"\n[{table}]", f"\n[{table}]\n{word} = 4 #"))
+    with pytest.raises(ValueError, match=re.escape(f"perhaps `{key}`; got '{word}'")):
+        read_scene(path)
+
+
 ONE_OF_EACH = Scene(
     [0.0, 1700.0, -900.0],
     [0.5, 0.2, 0.3],
