@@ -480,7 +480,8 @@ def _imports_first(words: Sequence[str]) -> list[str]:
 def _options_of(command: Any, words: Sequence[str]) -> dict[str, str]:
     """The options of the command that some words call, by the names of its arguments."""
     called = next((command.commands[word] for word in words if word in command.commands), command)
-    return {each.name: each.opts[0] for each in called.params if each.opts[0].startswith("--")}
+    shown = (each for each in called.params if not getattr(each, "hidden", False))
+    return {each.name: each.opts[0] for each in shown if each.opts[0].startswith("--")}
 
 
 def _run(words: Sequence[str]) -> int:
