@@ -131,6 +131,13 @@ def test_a_frame_of_another_gain_and_black_level_is_told():
     np.testing.assert_allclose(fit.offsets, 0.03 * (np.arange(4) == 2) - 0.0075, atol=0.003)
     assert fit.misfit == pytest.approx(1, abs=0.1)
     np.testing.assert_allclose(fit.misfits, 1, atol=0.15)
+    # One alone has no others that it could differ from.
+    canvas = Canvas(frames[2:3], noises[:1], power, (0, 0), shape)
+    space = volume_of(power[None] / 1e-4, np.zeros((2, 1)), shape)
+    alone = fit_of(likeliest(canvas, responses[:1], 1e-6), space, mean=0.3)
+    for none in (alone.gains, alone.offsets, alone.shifts):
+        np.testing.assert_array_equal(none, 0)
+    assert alone.misfit == pytest.approx(1, abs=0.2)
 
 
 def test_the_noise_of_one_grey_of_three_is_a_third():

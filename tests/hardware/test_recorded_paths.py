@@ -14,7 +14,12 @@ from support.plane import a_plane_design
 import mishutter as ms
 from mishutter import cli
 from mishutter.design.design import given_design
-from mishutter.hardware.recorded_paths import RecordedPath, read_path, with_recorded_path
+from mishutter.hardware.recorded_paths import (
+    RecordedPath,
+    _Spline,
+    read_path,
+    with_recorded_path,
+)
 
 CLOCK = 0.7
 """The middle of the frames on the encoder's clock; s."""
@@ -113,6 +118,24 @@ def test_a_frame_counts_in_the_difference_as_long_as_it_is_exposed():
     share = 4.2 / 17.8
     assert apart.rms == pytest.approx(0.8 * np.sqrt(share * (1 - share)), rel=0.01)
     assert apart.greatest == pytest.approx(0.8 * (1 - share), rel=0.01)
+
+
+def test_a_record_is_smoothed_alike_from_all_sides():
+    """Run backwards, with axes exchanged, in larger pixels and on another clock."""
+    rng = np.random.default_rng(7)
+    time = np.sort(rng.uniform(-0.013, 0.012, 90))
+    place = np.cumsum(rng.normal(size=(2, 90)), axis=1)
+    lights = [(-0.0105, -0.0041), (0.0012, 0.0093)]
+    back = [(-end, -begin) for begin, end in lights[::-1]]
+    own = _Spline.through(RecordedPath(time, place), lights, 0.0, "own")
+    turned = _Spline.through(RecordedPath(-time[::-1], place[:, ::-1]), back, 0.0, "back")
+    other = _Spline.through(RecordedPath(time + 0.3, 4 - 3 * place[::-1]), lights, 0.3, "other")
+    at = np.linspace(-0.0105, 0.0093, 37)
+    np.testing.assert_allclose(turned.place(-at), own.place(at), atol=1e-9)
+    np.testing.assert_allclose(turned.velocities[:, ::-1], -own.velocities, rtol=1e-6)
+    np.testing.assert_allclose(other.place(at), 4 - 3 * own.place(at)[::-1], atol=1e-8)
+    np.testing.assert_allclose(other.velocities, -3 * own.velocities[::-1], rtol=1e-6)
+    np.testing.assert_allclose(other.knots, own.knots, atol=1e-12)
 
 
 def test_frames_that_touch_have_no_time_between_them():

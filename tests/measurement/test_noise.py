@@ -58,6 +58,7 @@ def test_without_black_the_read_noise_is_an_interval():
     assert low < 4.3 < high + 0.3
     assert noise.black is None
     assert noise.read_noise == pytest.approx(((low + high) / 2, (high - low) / 4))
+    assert noise.black_level == pytest.approx(np.mean(noise.black_range))
     least, most = noise.black_range
     assert least <= 64 <= most + 1
     # No noise has a square below 0, and no black lies above the darkest block.
@@ -295,9 +296,12 @@ def is_right(noise):
     return holds(noise.electrons_at_white, 3100, 0.05) and holds(noise.read_noise, 4.3, 0.15)
 
 
-@pytest.mark.parametrize("share", [0.15, 0.5])
+@pytest.mark.parametrize("share", [0.15, -0.3])
 def test_noise_reduction_over_time_is_refused(share):
-    """Frames that hold a share of the one before them are less unlike it than those after that."""
+    """Frames that hold a share of the one before them are less unlike it than those after that.
+
+    Where change over time is enhanced they are more unlike it.
+    """
     frames = [each.astype(float) for each in recorded([LIT] * 14)]
     for k in range(1, len(frames)):
         frames[k] = (1 - share) * frames[k] + share * frames[k - 1]

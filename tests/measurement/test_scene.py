@@ -249,6 +249,9 @@ def test_a_background_is_empty_if_it_is_dark_and_shows_nothing(level, contrast, 
     law = Law(dark=1600.0, gain=0.0, floor=1.0)
     picture = Averaged(levels, np.full(shape, 4.0))
     assert is_empty(picture, ~thing, law, 50.0) is expected
+    # Where all or nothing moves, there is nothing to compare.
+    for at_rest in (np.ones(shape, bool), np.zeros(shape, bool)):
+        assert not is_empty(picture, at_rest, law, 50.0)
 
 
 def test_before_an_empty_background_the_scene_is_of_what_moves(measurement, monkeypatch):

@@ -32,7 +32,7 @@ from mishutter.measurement.photon_transfer import (
     rough_law,
     transfer_of,
 )
-from mishutter.measurement.scene import _narrowest, _quantile, along_axis
+from mishutter.measurement.scene import _narrowest, _quantile, _reason, along_axis
 from mishutter.measurement.signs import _correlates, signs_of, too_narrow
 from mishutter.measurement.signs import _leap as _leap_of_variance
 from mishutter.measurement.steady import (
@@ -343,6 +343,8 @@ def test_a_lead_is_that_of_the_tiles_about_the_middle():
     assert _lead(sweep, np.array([4.0, 0.0]), mask) == pytest.approx(0.1 * gap * 144 * 3 / 2)
     assert _lead(sweep, np.array([4.0, 0.0]), np.roll(mask, 96, 0)) == 0
     assert _lead(sweep, np.array([2.0, 0.0]), mask) == 0
+    few = Sweep(velocities[:2] / 4, residuals[:2], 1.0, 48, 0.1)
+    assert _lead(few, np.array([0.5, 0.0]), mask) == 0  # no velocity is farther away
 
 
 def test_a_line_is_that_of_most_points():
@@ -472,6 +474,19 @@ def test_levels_tell_a_slope_from_twice_the_darkest_on():
         assert too_narrow(transfer, black, has_others=True) is None
 
 
+def test_levels_in_another_unit_are_of_the_same_law():
+    """One step of the file is 16 of another's: the slope is 16 times as steep, all else 256."""
+    blocks = some_blocks()
+    coarse = replace(
+        blocks, **{name: 256 * getattr(blocks, name) for name in ("variance", "parts", "texture")}
+    )
+    coarse = replace(coarse, mean=16 * blocks.mean)
+    for found in (lambda clip, step: transfer_of(clip, None, step).law, rough_law):
+        own, other = found(blocks, 0.5), found(coarse, 8.0)
+        wanted = 256 * own.dark, 16 * own.gain, 256 * own.floor
+        assert (other.dark, other.gain, other.floor) == pytest.approx(wanted, rel=1e-6)
+
+
 def test_a_variance_leaps_where_it_does():
     """At the bin that both parts share, to a line that goes on as steeply above it."""
     level = np.linspace(100, 1600, 16)
@@ -488,6 +503,7 @@ def test_a_law_of_one_level_has_no_slope():
     flat = replace(some_blocks(), mean=np.full(900, 500.0), variance=np.full(900, 31.0))
     assert _first_law(flat, 0.1) == Law(31.0, 0.0, 0.1)
     assert _first_law(flat.where(np.arange(900) < 59), 0.1) is None
+    assert _first_law(flat.where(np.arange(900) < 60), 0.1) is not None
     own = some_blocks(count=3600)
     found = _first_law(own, 0.1)
     least = 1 - 0.6745 * 0.1
@@ -584,6 +600,20 @@ def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypat
     steady = Steady.of(frames)._replace(focus=focus)
     found = signs_of(clip, steady, transfer, None)
     assert [each.reason[: len(reason or "")] for each in found] == [reason] * (reason is not None)
+
+
+def test_a_number_is_not_known_for_a_reason_of_its_own():
+    """That black is not known stands there where nothing else does."""
+    black, noise, other = (
+        Refusal(number, f"{number} is hidden", "remedy")
+        for number in ("the level of black", "the noise", "the read noise")
+    )
+    for refusals, first in (
+        ((black,), black),
+        ((black, noise, other), noise),
+        ((other, black, noise), other),
+    ):
+        assert _reason(refusals) == f"not known: {first.reason}"
 
 
 @pytest.mark.parametrize(("deviation", "exceeds"), [(0.39, False), (0.41, True)])
