@@ -34,6 +34,7 @@ ALL = (
     "layered_bursts",
     "strips",
     "moving_objects",
+    "object_velocities",
     "objects",
     "footage",
     "rolling",

@@ -208,10 +208,14 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
     return tuple(name.value for name in free) if free else None
 
 
-def named_decoder(name: DecoderName) -> "AbstractDecoder":
-    """The decoder of a name, with the parameters that it has by default."""
+def named_decoder(name: DecoderName, scene: "Scene | None" = None) -> "AbstractDecoder":
+    """The decoder of a name, with the parameters that it has by default, for a scene."""
     import mishutter as ms
 
+    in_plane = scene is not None and scene.velocities is not None
+    fits = not in_plane or name in (DecoderName.ENSEMBLE, DecoderName.TOTAL_VARIATION)
+    requirement = "be ensemble or total-variation where things move in any direction"
+    require(fits, "--decoder", requirement, name.value)
     decoders = {
         DecoderName.ENSEMBLE: ms.EnsembleDecoder,
         DecoderName.WIENER: ms.WienerDecoder,

@@ -503,11 +503,24 @@ def _camera_words(scene: Scene, choice: Row) -> list[str]:
     window = 1e3 * window_of(scene)
     said = [f"frames within {window:,.{4 if window < 1e4 else 9}g} ms"] if frames else []
     if STAGE in choice.required_hardware:
-        stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
-        said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
+        room, speed = _room(limits, choice.sequence), float(limits.max_top_speed)
+        said.append(f"a stage with {room} and {speed:,g} px/s")
     said += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
     readout = scene.sensor.readout_time
     return [*said, f"rows read within {readout * 1e3:,.4g} ms" if readout else "global shutter"]
+
+
+def _room(limits: Limits, frames: Exposures | None) -> str:
+    """The room of a stage: its travel where that is the less, or else the stroke during frames."""
+    stroke, most = float(limits.max_stroke), limits.max_travel
+    if most is not None and float(most) < stroke:
+        return f"a travel of {float(most):,.4g} px"
+    room = f"a stroke of {stroke:,.4g} px"
+    travel = 0.0 if frames is None else float(frames.travel)
+    if travel <= 1.001 * stroke:
+        return room
+    way = _at_most(travel) if frames is not None and frames.in_plane else travel
+    return f"{room} during frames, {three_digits(way)} px with its run-up,"
 
 
 def details_of(scene: Scene, frames: Exposures | None) -> list[str]:

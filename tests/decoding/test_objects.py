@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from support.moving_things import Thing, decibels, frames_of, shown, texture
 
 import mishutter as ms
@@ -13,8 +14,8 @@ from mishutter.decoding.objects.candidates import candidates
 from mishutter.decoding.objects.composite import Alone, composite, labels_of, trusted
 from mishutter.decoding.objects.finding import found_in, put_in_order
 from mishutter.decoding.objects.grids import moved
-from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, _sheet, light_of
-from mishutter.decoding.objects.mattes import settle
+from mishutter.decoding.objects.light import WEAK, Knowledge, Misfit, Sight, _sheet, light_of
+from mishutter.decoding.objects.mattes import Mixed, settle
 from mishutter.decoding.objects.outlines import cut_out, given_others, sharpen
 from mishutter.decoding.objects.restored import _instants_of as instants_of
 from mishutter.decoding.objects.restored import knowledge_of
@@ -199,6 +200,32 @@ def test_velocities_are_told_by_frames_of_unlike_exposures():
         apart = thing.velocity - np.array(one.velocity)
         assert np.hypot(*apart) < 2
         assert apart @ np.linalg.solve(thing.covariance, apart) < 3**2 * 2
+
+
+def test_light_and_an_outline_explain_a_change_of_the_frames_together():
+    """What both make is explained, though each alone would leave much of it, and noise is not."""
+    found, random = arrangement_of(crossing(), [1, 0]), np.random.default_rng(3)
+    known = knowledge_of(in_any_direction(), found.stills, in_plane=True)
+    misfit = Misfit.of(Sight.of(found.stills, found, known))
+    mixed = Mixed.of(found, misfit, light_of(misfit, ms.EnsembleDecoder()), 1)
+    lights = [
+        0.05 * ndimage.gaussian_filter(random.normal(size=s.size), 2) for s in misfit.sight.sheets
+    ]
+    matte = np.where(mixed.near, 0.2 * random.normal(size=mixed.near.shape), 0).astype(np.float32)
+    light = misfit.sight.frames([one.astype(np.float32) for one in lights])
+    outline = mixed.frames(matte) - mixed.frames(np.zeros_like(matte))
+
+    def share(change, left):
+        return np.sum(misfit.sight.inverse * left**2) / np.sum(misfit.sight.inverse * change**2)
+
+    change = light + outline
+    assert share(change, mixed.unexplained(misfit, change)) < 0.02
+    target = misfit.sight.layers(misfit.sight.inverse * change)
+    by_light = misfit.sight.frames(misfit.likeliest(target, WEAK))
+    assert share(change, change - by_light) > 0.04
+    noise = random.normal(size=change.shape).astype(np.float32)
+    left = mixed.unexplained(misfit, noise)
+    assert 0.6 < share(noise, left) < 0.8
 
 
 @pytest.mark.slow

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from mishutter.pictures.registration.refinement import Prior, Told, push_of_light, refined
+from mishutter.pictures.registration.refinement import (
+    Prior,
+    Told,
+    no_less,
+    push_of_light,
+    refined,
+)
 from mishutter.pictures.registration.search import (
     Search,
     _costs,
@@ -367,3 +373,14 @@ def test_a_velocity_gains_on_the_tiles_that_it_explains_better():
     ]
     np.testing.assert_allclose(_gain(sweep, current), np.array(wanted) - [0, 4 * 0.3])
     np.testing.assert_array_equal(sweep.near(np.array([0.9, 1.0]), 1.1), [False, True])
+
+
+def test_a_covariance_is_no_less_than_another_in_any_direction():
+    """Where it is greater it stays, and where it is less it is the other."""
+    least = np.array([[2.0, 0.6], [0.6, 1.0]])
+    direction = np.linalg.cholesky(least) @ np.array([0.6, 0.8])
+    wide = 0.1 * least + 4 * np.outer(direction, direction)
+    np.testing.assert_allclose(no_less(0.1 * least, least), least, rtol=1e-12)
+    np.testing.assert_allclose(no_less(3 * least, least), 3 * least, rtol=1e-12)
+    found = no_less(wide, least)
+    np.testing.assert_allclose(found, least + 3.1 * np.outer(direction, direction), rtol=1e-12)

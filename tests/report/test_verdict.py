@@ -393,7 +393,8 @@ def test_an_answer_says_what_it_assumes():
         f"moves as a whole, or its objects are much wider than {way:,} px (else say [objects], "
         "or [occlusion] before a background); "
         f"frames are registered without error; frames within {window:g} ms; a stage with a stroke "
-        f"of {stroke:g} px and {speed:,g} px/s; a sensor of 517 px; global shutter."
+        f"of {stroke:g} px during frames, 45 px with its run-up, and {speed:,g} px/s; a sensor "
+        "of 517 px; global shutter."
     )
     for decoder, words in (
         ("unknown", "one filter restores all speeds"),
@@ -442,6 +443,23 @@ def test_an_answer_says_that_nothing_limits_the_acceleration_of_a_stage():
     assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in said
     at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}).verdict
     assert "The stage" not in at_rest
+
+
+def test_an_answer_says_what_room_a_stage_is_assumed_to_have():
+    """Its travel where that is the less; beside the stroke what the run-up takes beyond it."""
+    said = {}
+    for stroke, travel in ((50.0, None), (50.0, 48.5), (20.0, None), (20.0, 64.0)):
+        limits = replace(SCENE.limits, max_stroke=stroke, max_travel=travel)
+        found = answer(OF_FRAMES, scene=replace(BURST, limits=limits)).verdict
+        words = found.replace("\n", " ").partition("; a stage with a ")[2]
+        said[stroke, travel] = words.partition(" and ")[0]
+    beyond = "stroke of 20 px during frames, 45 px with its run-up,"
+    assert said == {
+        (50.0, None): "stroke of 50 px",
+        (50.0, 48.5): "travel of 48.5 px",
+        (20.0, None): beyond,
+        (20.0, 64.0): beyond,
+    }
 
 
 @pytest.mark.slow

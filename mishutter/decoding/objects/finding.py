@@ -27,6 +27,9 @@ _GUESSED = 0.6
 """Error of a velocity over that of the first guess from which on frames tell nothing of it."""
 _SEPARATE = 1.5
 """Way between two velocities over the frames within which they are one; px."""
+_BLURRED = 6.0
+"""Way within an exposure above which an outline is mixed over more pixels than those by which a
+velocity is refined unless light is freed of its blur; px."""
 _BRIDGE = 3
 """Pixels from an outline within which parts of a thing may hang together by chance."""
 _APART = 5.0
@@ -79,14 +82,21 @@ def found_in(
         _refine_velocities(arrangement)
     report("outlines by the light of the layers", 0.95)
     arrangement = arrangement.seen_in(stills)
-    are_all = is_told or alike.count == stills.count
-    if known is not None and not are_all:
+    are_told = is_told or (alike.count == stills.count and not _is_blurred(arrangement))
+    if known is not None and not are_told:
         settle(arrangement, known, are_told=False)
     if not is_told:
         _drop_untold(arrangement)
-    if known is not None and are_all:
+    if known is not None and are_told:
         settle(arrangement, known)
     return arrangement
+
+
+def _is_blurred(arrangement: Arrangement) -> bool:
+    """Whether exposures mix a thing with what is behind it far beyond its outline."""
+    longest = float(np.max(arrangement.stills.exposures))
+    ways = [float(np.hypot(*thing.velocity)) * longest for thing in arrangement.things]
+    return max(ways, default=0.0) > _BLURRED
 
 
 def _refine_parts(arrangement: Arrangement, *, is_first: bool) -> None:

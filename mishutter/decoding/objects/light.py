@@ -53,7 +53,7 @@ _TOLERANCE = 1e-3
 ripples in bright light."""
 _LEVELS = 3
 """Levels of noise, at most, at which a denoiser is called for a layer."""
-_WEAK = 0.02
+WEAK = 0.02
 """Share of the prior where layers are to explain frames."""
 _TAPER = 4.0
 """Gaussian under which the outline of a layer is no edge of its light; px."""
@@ -342,13 +342,15 @@ class Misfit:
         """The curvature of the misfit, applied to layers."""
         return self.sight.layers(self.sight.inverse * self.sight.frames(layers))
 
+    def preconditioner(self, prior: "Prior") -> Layers:
+        """Responses on the canvases that nearly undo the curvature of the misfit and a prior."""
+        pairs = zip(self.densities, prior.responses, strict=True)
+        return [1 / (float(np.mean(density)) + response) for density, response in pairs]
+
     def solved(self, target: Layers, start: Layers, prior: "Prior", *, most: int = 200) -> Layers:
         """The layers whose misfit and prior balance a target, by conjugate gradients."""
         sheets, layers = self.sight.sheets, [one.copy() for one in start]
-        inverses = [
-            1 / (float(np.mean(density)) + response)
-            for density, response in zip(self.densities, prior.responses, strict=True)
-        ]
+        inverses = self.preconditioner(prior)
 
         def image(of: Layers) -> Layers:
             return [a + b for a, b in zip(self.curvature(of), prior.of(sheets, of), strict=True)]
@@ -444,7 +446,7 @@ def light_of(misfit: Misfit, decoder: AbstractDecoder) -> Layers:
 
 def explaining(misfit: Misfit) -> Layers:
     """Light by which the layers explain the frames as well as they may, noise included."""
-    found = zip(misfit.likeliest(misfit.data, _WEAK), misfit.sight.means, strict=True)
+    found = zip(misfit.likeliest(misfit.data, WEAK), misfit.sight.means, strict=True)
     return [one + np.float32(mean) for one, mean in found]
 
 

@@ -6,6 +6,7 @@ of the pixel. Where light has detail beside an outline, $(R\,m)(R\,a)$ would be 
 """
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,16 @@ from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.decoders.linear import EnsembleDecoder
 from mishutter.decoding.objects.arrangement import Arrangement
 from mishutter.decoding.objects.grids import Mask, from_outline, of_few_edges
-from mishutter.decoding.objects.light import Knowledge, Layers, Misfit, Sheet, Sight, light_of
+from mishutter.decoding.objects.light import (
+    WEAK,
+    Knowledge,
+    Layers,
+    Misfit,
+    Prior,
+    Sheet,
+    Sight,
+    light_of,
+)
 from mishutter.decoding.objects.outlines import sharp
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_by_layers
@@ -32,9 +42,9 @@ _EDGE, _BIAS = 1.0, 0.1
 """Logarithms of likelihoods that a pixel of outline has to bring, and one of a thing."""
 _SHARED = 0.25
 """Share of the frames by which the expected error of a thing's light counts: all have it alike."""
-_TOLD, _NEARLY = 4.0, 0.03
-"""One over the variance of a pixel's cover, of which nothing else is known, and the share of a
-residual at which conjugate gradients end."""
+_TOLD, _NEARLY, _MOST_STEPS = 4.0, 0.03, 200
+"""One over the variance of a pixel's cover, of which nothing else is known; the share of a residual
+at which conjugate gradients end, and their number at most."""
 _SAFE = 1.5
 """Curvature that is counted with, beside the greatest one near a pixel."""
 
@@ -54,8 +64,8 @@ def settle(arrangement: Arrangement, known: Knowledge, *, are_told: bool = True)
         mixed = [Mixed.of(arrangement, misfit, layers, n) for n in range(len(arrangement.things))]
         mattes = [_solved(one) for one in mixed]
         if are_off:
-            by_mattes = [one.explained for one in mixed]
-            are_off = refine_by_layers(arrangement, known, misfit, layers, by_mattes) > _STANDS
+            left = [partial(one.unexplained, misfit) for one in mixed]
+            are_off = refine_by_layers(arrangement, known, misfit, layers, left) > _STANDS
         for thing, matte in zip(arrangement.things, mattes, strict=True):
             thing.matte = matte
         arrangement.place()
@@ -112,38 +122,73 @@ class Mixed(NamedTuple):
 
     def slope(self, matte: Mask) -> Mask:
         """Slope of half of the weighted squares of what a matte leaves of the frames."""
+        return -self.gathered(self.weights * (self.rest - self.frames(matte)))
+
+    def gathered(self, frames: Float[np.ndarray, "frames rows columns"]) -> Mask:
+        """The adjoint of `frames`, less what they are without a matte."""
+        size = self.sheet.size
         light = cover = np.zeros(1, np.complex64)
-        pulls = self.weights * (self.rest - self.frames(matte))
         for k, part in enumerate(self.stills.parts):
             here = self.sheet.window.aside(self.sheet.ways[k])
-            pull = np.float32(part.share) * self.shares[k] * here.cut(pulls[part.frame])
+            pull = np.float32(part.share) * self.shares[k] * here.cut(frames[part.frame])
             response = np.conj(self.sheet.responses[k % len(self.sheet.responses)])
             light = light + response * rfftn(pull)
             cover = cover + response * rfftn(pull * self.behind[k])
-        size = self.sheet.size
-        return irfftn(cover, size) - self.light * irfftn(light, size)
+        return self.light * irfftn(light, size) - irfftn(cover, size)
 
-    def explained(
-        self, change: Float[np.ndarray, "frames rows columns"]
+    def unexplained(
+        self, misfit: Misfit, change: Float[np.ndarray, "frames rows columns"]
     ) -> Float[np.ndarray, "frames rows columns"]:
-        """The part of a change of the frames that one of the matte near its outline explains."""
-        size, near = self.sheet.size, self.near
-        none, matte = np.zeros(size, np.float32), np.zeros(size, np.float32)
-        still = self.frames(none)
-        changed = self._replace(rest=change + still)
-        pull = -changed.slope(none)[near]
+        r"""What is left of a change of the frames by the light of the layers and this outline.
+
+        Both are solved at once: one after the other, light would explain anew what the outline
+        leaves. With the frames $A a$ of light and $B m$ of a matte near its outline, and the noise
+        $N$, they are the minimum of $|c - A a - B m|^2/N + \epsilon \sum |\hat a|^2/S + \kappa
+        |m|^2$. The prior of pictures counts little: photographs depart from it, and what it would
+        tell of a velocity is wrong.
+        """
+        size, near, sight = self.sheet.size, self.near, misfit.sight
+        none = self.frames(np.zeros(size, np.float32))
+        ends = np.cumsum([sheet.window.rows * sheet.window.columns for sheet in sight.sheets])
+        prior = Prior([WEAK / sheet.power for sheet in sight.sheets], WEAK)
+        inverses = misfit.preconditioner(prior)
         most = self.curvature[near] + _TOLD
 
-        def curved(pixels: np.ndarray) -> np.ndarray:
-            matte[near] = pixels
-            return changed.slope(matte)[near] + pull + _TOLD * pixels
+        def apart(numbers: np.ndarray) -> tuple[Layers, np.ndarray]:
+            *lights, matte = np.split(numbers.astype(np.float32), ends)
+            pairs = zip(lights, sight.sheets, strict=True)
+            return [light.reshape(sheet.size) for light, sheet in pairs], matte
 
+        def together(layers: Layers, pixels: np.ndarray) -> np.ndarray:
+            return np.concatenate([*(light.ravel() for light in layers), pixels])
+
+        def shown(layers: Layers, pixels: np.ndarray) -> np.ndarray:
+            matte = np.zeros(size, np.float32)
+            matte[near] = pixels
+            return sight.frames(layers) + self.frames(matte) - none
+
+        def pulled(frames: np.ndarray) -> tuple[Layers, np.ndarray]:
+            weighed = sight.inverse * frames
+            return sight.layers(weighed), self.gathered(weighed)[near]
+
+        def curved(numbers: np.ndarray) -> np.ndarray:
+            layers, pixels = apart(numbers)
+            pulls, own = pulled(shown(layers, pixels))
+            pairs = zip(pulls, prior.of(sight.sheets, layers), strict=True)
+            return together([a + b for a, b in pairs], own + _TOLD * pixels)
+
+        def turned(numbers: np.ndarray) -> np.ndarray:
+            layers, pixels = apart(numbers)
+            each = zip(sight.sheets, layers, inverses, strict=True)
+            return together([sheet.filtered(*one) for sheet, *one in each], pixels / most)
+
+        target = together(*pulled(change))
         whole, scale = (
-            LinearOperator((pull.size, pull.size), matvec=each, dtype=np.float32)  # type: ignore[call-arg]
-            for each in (curved, lambda pixels: pixels / most)
+            LinearOperator((target.size, target.size), matvec=each, dtype=np.float32)  # type: ignore[call-arg]
+            for each in (curved, turned)
         )
-        matte[near], _ = cg(whole, pull, rtol=_NEARLY, maxiter=_STEPS, M=scale)
-        return self.frames(matte) - still
+        found, _ = cg(whole, target, rtol=_NEARLY, maxiter=_MOST_STEPS, M=scale)
+        return change - shown(*apart(found))
 
 
 def _curvature(

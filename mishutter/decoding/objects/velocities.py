@@ -20,6 +20,7 @@ from mishutter.pictures.registration.refinement import (
     Push,
     Told,
     in_blocks,
+    no_less,
     push_of_light,
     refined,
 )
@@ -33,6 +34,8 @@ _EDGE = 1.5
 """Gaussian under which a cover is taken for one of known slope; px."""
 _ASIDE = 0.1
 """Way of a thing, at the frame farthest from the picture, by which frames are differenced; px."""
+_NOTHING = 1e-12
+"""Information on a velocity where frames tell none; s^2/px^2."""
 _SLOPE_NOISE = 1 / (8 * np.pi)
 """Variance of a slope by noise of unit variance, under a Gaussian of 1 px."""
 
@@ -62,19 +65,21 @@ def refine_by_layers(
     known: Knowledge,
     misfit: Misfit,
     layers: Layers,
-    by_mattes: Sequence[Callable[[np.ndarray], np.ndarray]],
+    unexplained: Sequence[Callable[[np.ndarray], np.ndarray]],
 ) -> float:
     r"""Moves velocities to where the layers explain frames best, however each is blurred.
 
-    Of the slope of the frames by a velocity, what a change of the light or of the outline explains
-    tells nothing.
+    Of the slope $s$ of the frames by a velocity, what a change of light and outline explains tells
+    nothing: with the rest $r$ of it and the residuals $e$ of the frames, a step is
+    $(r^\top e/N) / (r^\top r/N)$. Its error is by how the parts of the thing disagree, and by no
+    less than the noise.
 
     Args:
         arrangement: The things.
         known: The statistics of pictures.
         misfit: The misfit of the layers.
         layers: Their light.
-        by_mattes: For each thing, what a change of its outline explains of a change of the frames.
+        unexplained: For each thing, what light and its outline leave of a change of the frames.
 
     Returns:
         The longest way of a step, at the frame farthest from the picture; px.
@@ -84,28 +89,25 @@ def refine_by_layers(
     among, left = np.ix_(free, free), stills.light - sight.frames(layers)
     for number, thing in enumerate(arrangement.things):
         sheet = sight.sheets[number + 1]
-        slopes, forces = np.zeros((2, *left.shape)), np.zeros((2, *sheet.size))
-        information, push = np.eye(2), np.zeros(2)
+        own, forces = np.zeros((2, *left.shape), np.float32), np.zeros((2, *sheet.size))
         for axis in free:
             aside = _ASIDE / late * np.eye(2)[axis]
             after, before = (
                 sight.along(number, thing.velocity + by, arrangement.order, known).frames(layers)
                 for by in (aside, -aside)
             )
-            slopes[axis] = (after - before) * (late / (2 * _ASIDE))
-        for axis in free:
-            explained = misfit.likeliest(sight.layers(sight.inverse * slopes[axis]))
-            own = slopes[axis] - sight.frames(explained)
-            own = sight.inverse * (own - by_mattes[number](own))
-            information[axis] = np.sum(own * slopes, axis=(1, 2, 3))
-            push[axis] = np.sum(own * left)
-            for way, force in zip(sheet.until, own * left, strict=True):
+            own[axis] = unexplained[number]((after - before) * (late / (2 * _ASIDE)))
+            for way, force in zip(sheet.until, sight.inverse * own[axis] * left, strict=True):
                 forces[axis] += sheet.window.aside(way).cut(force)
+        information = np.einsum("iklm,jklm->ij", sight.inverse * own, own, dtype=np.float64)
+        information += _NOTHING * np.eye(2)
+        push = np.sum(sight.inverse * own * left, axis=(1, 2, 3))
         certain = np.eye(2) / thing.uncertainty**2
         push += certain @ (thing.first - thing.velocity)
         inverse = np.linalg.inv((information + certain)[among])
-        each = in_blocks(forces)
-        thing.covariance[among] = inverse @ (each @ each.T + certain)[among] @ inverse
+        each = in_blocks(forces)[free]
+        scatter = no_less(each @ each.T, information[among])
+        thing.covariance[among] = inverse @ (scatter + certain[among]) @ inverse
         step = inverse @ push[free]
         length = late * float(np.linalg.norm(step))
         thing.velocity[free] += step / max(length, 1.0)

@@ -138,3 +138,14 @@ def in_blocks(forces: Float[np.ndarray, "2 rows columns"]) -> Float[np.ndarray, 
         starts = np.arange(0, forces.shape[axis], _BLOCK)
         forces = np.add.reduceat(forces, starts, axis=axis)
     return forces.reshape(2, -1)
+
+
+def no_less(
+    covariance: Float[np.ndarray, "n n"], least: Float[np.ndarray, "n n"]
+) -> Float[np.ndarray, "n n"]:
+    """A covariance that is in no direction less than another, which is positive definite."""
+    root = np.linalg.cholesky(least)
+    inverse = np.linalg.inv(root)
+    values, turn = np.linalg.eigh(inverse @ covariance @ inverse.T)
+    turned = root @ turn
+    return (turned * np.maximum(values, 1)) @ turned.T
