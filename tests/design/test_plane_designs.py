@@ -99,10 +99,10 @@ def test_a_camera_that_turns_leaves_the_rest_to_its_stage():
         apart = whole.at(time)[0] - rest.at(time)[0]
         np.testing.assert_allclose(np.diff(apart), pan * np.diff(time), rtol=1e-6)
     for design in (by_stage, by_camera):
-        ways = [path.at(np.linspace(*path.times[[0, -1]], 9001))[0] for path in design.stage_paths]
+        ways = [path.at(np.linspace(*path.times[[0, -1]], 9001))[0] for path in stage_paths(design)]
         travel = max(float(np.ptp(way)) for way in ways)
         assert design.sequence.travel == pytest.approx(travel, rel=1e-3)
-        whole = exposures_in_plane(design.scene, "two sines", design.frames, 27.25)
+        whole = exposures_in_plane(design.scene, "two sines", design.sequence.frames, 27.25)
         assert whole.travel == pytest.approx(travel, rel=1e-3)
     assert by_camera.sequence.travel > by_stage.sequence.travel + 10
 
