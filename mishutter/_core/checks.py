@@ -263,7 +263,7 @@ def describe(value: object) -> str:
         return f"{value.dtype} of shape {value.shape}"  # without numbers that NumPy could show
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
-    if hasattr(value, "shape") and getattr(value, "size", 0) == 1:
+    if getattr(value, "size", 0) == 1:
         return str(np.asarray(value).item())
     try:
         text = repr(value) if not hasattr(value, "shape") else str(np.asarray(value).tolist())

@@ -58,8 +58,14 @@ def waves_on_dft(
     space = namespace_of(position, weight)
     num_low = math.isqrt(num_frequencies - 1) + 1
     num_high = -(-num_frequencies // num_low)
-    low, high = np.arange(num_low) / length, num_low * np.arange(num_high) / length
-    waves = _sums_of_products((position, position), weight, (high, low), space)
+    if space is np:  # its cosines of double precision cost as much as 20 products
+        high, low = (
+            _powers(position, n / length, k) for n, k in ((num_low, num_high), (1, num_low))
+        )
+    else:
+        low, high = np.arange(num_low) / length, num_low * np.arange(num_high) / length
+        high, low = (_waves_at(position, f, space) for f in (high, low))
+    waves = _sums_of_products(high, low, weight, space)
     return waves.reshape(waves.shape[0], -1)[:, :num_frequencies]
 
 
@@ -72,27 +78,34 @@ def waves_in_plane(
 
     Places $x$ along the rows come first, and frequencies $f_y$ down the columns.
     """
-    return _sums_of_products((place[1], place[0]), weight, frequencies, np)
+    down, across = (_waves_at(x, f, np) for x, f in zip(place[::-1], frequencies, strict=True))
+    return _sums_of_products(down, across, weight, np)
 
 
-def _sums_of_products(
-    places: tuple[Numbers, Numbers],
-    weight: Numbers,
-    frequencies: tuple[np.ndarray, np.ndarray],
-    space: ModuleType,
-) -> Any:
-    """Sums over $q$ of waves of the first places times those of the second, for all pairs."""
-    dtype = np.result_type(places[0].dtype, np.complex64)
-    turns = (
-        place[:, None, :] * (-2 * np.pi * f).astype(place.dtype)[None, :, None]
-        for place, f in zip(places, frequencies, strict=True)
-    )
+def _powers(position: Numbers, step: float, count: int) -> Complex[np.ndarray, "s {count} q"]:
+    """Waves of the first multiples of a frequency, each the product of two lower ones."""
+    first = _waves_at(position, np.array([step]), np)
+    waves = np.empty((position.shape[0], count, position.shape[1]), first.dtype)
+    waves[:, :1], done = 1.0, 1
+    while done < count:
+        more = min(done, count - done)
+        np.multiply(waves[:, :more], first, out=waves[:, done : done + more])
+        first, done = first * first, done + more
+    return waves
+
+
+def _waves_at(position: Numbers, frequencies: np.ndarray, space: ModuleType) -> Any:
+    """Waves of some frequencies at each position."""
+    dtype = np.result_type(position.dtype, np.complex64)
+    turn = position[:, None, :] * (-2 * np.pi * frequencies).astype(position.dtype)[None, :, None]
     # NumPy vectorises these for single precision, and not complex exponentials.
-    first, second = (
-        space.cos(turn).astype(dtype) + dtype.type(1j) * space.sin(turn).astype(dtype)
-        for turn in turns
-    )
-    return space.matmul(first * weight[:, None, :].astype(dtype), space.swapaxes(second, 1, 2))
+    return space.cos(turn).astype(dtype) + dtype.type(1j) * space.sin(turn).astype(dtype)
+
+
+def _sums_of_products(first: Any, second: Any, weight: Numbers, space: ModuleType) -> Any:
+    """Sums over $q$ of the first waves times the second ones, for all pairs."""
+    weight = weight[:, None, :].astype(first.dtype)
+    return space.matmul(first * weight, space.swapaxes(second, 1, 2))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2, 3))

@@ -12,7 +12,7 @@ from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -477,6 +477,13 @@ def _imports_first(words: Sequence[str]) -> list[str]:
     return [*first, *rest]
 
 
+def _options_of(command: Any, words: Sequence[str]) -> dict[str, str]:
+    """The options of the command that some words call, by the names of its arguments."""
+    called = next((command.commands[word] for word in words if word in command.commands), command)
+    shown = (each for each in called.params if not getattr(each, "hidden", False))
+    return {each.name: each.opts[0] for each in shown if each.opts[0].startswith("--")}
+
+
 def _run(words: Sequence[str]) -> int:
     command, words = typer.main.get_command(app), _imports_first(words)
     try:
@@ -493,7 +500,7 @@ def _run(words: Sequence[str]) -> int:
     except BrokenPipeError:
         raise
     except Exception as error:
-        line = error_line(error, words)
+        line = error_line(error, words, _options_of(command, words))
         if line is None:
             raise
         write_error(line)

@@ -150,14 +150,14 @@ def simulate(
     photographed = _subject(subject, scene, white, linear)
     if np.any(speed) and not isinstance(photographed, Picture):
         raise ValueError(f"`--speed` must be given with a photograph only; got {speed_text}.")
-    folder = writable_folder(out)
+    method, folder = named_decoder(decoder, scene), writable_folder(out)
     with (
         interruptible(lambda: AGAIN),
         progress_bar("capturing and restoring", NUM_TICKS, WHY_RESTORING) as update,
     ):
         settings: dict[str, Any] = {
             "speed": speed,
-            "decoder": named_decoder(decoder),
+            "decoder": method,
             "key": None if noiseless else jax.random.key(seed),
             "full_well": full_well,
             "adc_bits": adc_bits,

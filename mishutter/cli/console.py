@@ -42,8 +42,24 @@ _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
 
 
-def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | None:
-    """The line `<requirement>; got <value>` for an error of the user's; None for a bug."""
+def error_line(
+    error: BaseException, arguments: Sequence[str] = (), options: Mapping[str, str] | None = None
+) -> str | None:
+    """The line `<requirement>; got <value>` for an error of the user's; None for a bug.
+
+    Args:
+        error: What was raised.
+        arguments: The command line.
+        options: Options of its command by the names that functions have for them.
+    """
+    line = _line_of(error, arguments)
+    # Whoever types commands knows no names of functions.
+    words = _OF_COMMANDS | {name: f"`{option}`" for name, option in (options or {}).items()}
+    return line and _OF_PYTHON.sub(lambda each: words.get(each[1], f"`{each[1]}`"), line)
+
+
+def _line_of(error: BaseException, arguments: Sequence[str]) -> str | None:
+    """The same, with arguments of functions as errors name them."""
     if isinstance(error, _PARSER.UsageError):
         return _one_line(_usage_line(error, arguments))
     if type(error).__name__ == "EquinoxRuntimeError":
@@ -103,8 +119,6 @@ def _value_line(error: Any) -> str:
 
 def _one_line(message: str) -> str:
     text = " ".join(message.split()).removesuffix(".")
-    # Whoever types commands knows no names of functions.
-    text = _OF_PYTHON.sub(lambda each: _OF_COMMANDS.get(each[1], f"`{each[1]}`"), text)
     return text if "; got" in text else f"the command line must be valid; got: {text}"
 
 

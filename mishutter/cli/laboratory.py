@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from mishutter._core.checks import require
+from mishutter._core.checks import Unquoted, require
 from mishutter._core.progress import note
 from mishutter.cli.help import CAMERA
 from mishutter.cli.options import option, path_option, scene_of
@@ -226,6 +226,16 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
     note(f"{path}: using the scene's shutter, not the design's. Design: {own} Scene: {taken}")
 
 
+def _require_alike(scene: "Scene | None", design: Path | None, *, in_plane: bool) -> None:
+    """Refuse a design along one axis for things in any direction, and the other way round."""
+    if scene is None or design is None:
+        return
+    ways, moves = {False: "along one axis", True: "in any direction"}, scene.velocities is not None
+    requirement = f"be for things that move {ways[moves]}, as those of the scene do"
+    got = Unquoted(f"{design.name!r}, for things {ways[in_plane]}")
+    require(in_plane == moves, "--design", requirement, got)
+
+
 def cameras(
     scene: "Scene | None",
     design: Path | None,
@@ -250,6 +260,7 @@ def cameras(
         scene = saved.scene
     elif scene is None and of_example:
         scene = scene_of(None)
+    _require_alike(scene, design, in_plane=isinstance(saved, PlaneDesign))
     if isinstance(saved, PlaneDesign):
         for name, path in (("--drive", files.drive), ("--measured", files.measured)):
             requirement = "be left out for a design in the plane: its table is along one axis"

@@ -215,8 +215,12 @@ def _made(name: Enum, noun: str) -> Any:
     return getattr(import_module("mishutter"), f"{''.join(words)}{noun}")()
 
 
-def named_decoder(name: DecoderName) -> "AbstractDecoder":
-    """The decoder of a name, with the parameters that it has by default."""
+def named_decoder(name: DecoderName, scene: "Scene | None" = None) -> "AbstractDecoder":
+    """The decoder of a name, with the parameters that it has by default, for a scene."""
+    in_plane = scene is not None and scene.velocities is not None
+    fits = not in_plane or name in (DecoderName.ENSEMBLE, DecoderName.TOTAL_VARIATION)
+    requirement = "be ensemble or total-variation where things move in any direction"
+    require(fits, "--decoder", requirement, name.value)
     return _made(name, "Decoder")
 
 

@@ -202,7 +202,7 @@ def restore(
     labels = _Label.of_all(seen)
     for one in each:
         warn_beyond(camera.scene, one)
-    folder, method = writable_folder(out), named_decoder(decoder)
+    method, folder = named_decoder(decoder, camera.scene), writable_folder(out)
     written, found, by_object = [], {}, None
     is_one = len(seen) == 1 or burst is not None
     for capture, label, light in _together(seen, labels, burst):

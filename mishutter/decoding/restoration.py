@@ -377,7 +377,8 @@ def _common_columns(
     """Columns that are recorded whole at every speed, and those over which errors are taken.
 
     A camera at rest and a moving one record different columns of the scene by kernels of one
-    length. Errors are taken over the columns that both record.
+    length. Errors are taken over the columns that both record, and on a path that bends the other
+    way over their mirror image.
     """
     num_taps, origin = kernel_layout(motion, *speeds.tolist(), least_taps=least_taps)
     num_recorded = num_columns - num_taps + 1
@@ -385,10 +386,11 @@ def _common_columns(
     require(
         num_columns >= enough, subject, f"have at least {enough} {pixels_along(axis)}", num_columns
     )
-    margin = min(num_taps // 2, (num_recorded - num_taps // 2) // 4)
+    half = num_taps // 2
+    margin = min(half, (num_recorded - half) // 4)
     first = num_taps - 1 - origin
-    inner = slice(origin + margin, num_columns - num_taps // 2 - margin - first)
-    return slice(first, num_columns - origin), inner
+    begin, end = min(origin, half), min(num_columns - half - first, num_recorded)
+    return slice(first, num_columns - origin), slice(begin + margin, end - margin)
 
 
 class _Levels(NamedTuple):

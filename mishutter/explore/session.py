@@ -386,7 +386,7 @@ def _chips(drawn: list[float]) -> ChippedShutter:
     return ChippedShutter(np.asarray(drawn, np.float64))
 
 
-def _python(text: str, drawn: list[float] | None, in_plane: bool = False) -> str:
+def _python(text: str, drawn: list[float] | None, in_plane: bool) -> str:
     """A program that computes the same numbers."""
     if in_plane:
         names, own = "Scene, best_in_plane", "print(best_in_plane(scene))\n"

@@ -513,7 +513,9 @@ def require_known_numbers(scene: Scene) -> None:
 def require_one_axis(scene: Scene) -> None:
     """Refuse a scene of any direction, for what computes along one axis alone."""
     law = scene.velocities
-    requirement = "move along one axis here; `mishutter optimise` and `best_in_plane` serve others"
+    requirement = (
+        "move along one axis here; `optimise` searches for others, `best_in_plane` in Python"
+    )
     require(law is None, "scene", requirement, Unquoted("" if law is None else law.words))
 
 

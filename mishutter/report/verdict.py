@@ -277,9 +277,9 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     limits, occurs = scene.limits, np.asarray(scene.weights) > 0
     speeds = np.asarray(scene.speeds, np.float64)[occurs]
     slowest, fastest = float(np.min(speeds)), float(np.max(speeds))
-    if _moves(limits) or slowest * fastest <= 0 or scene.occlusion is not None:
+    velocity, both_ways = (slowest + fastest) / 2, slowest * fastest < 0
+    if _moves(limits) or both_ways or velocity == 0 or scene.occlusion is not None:
         return ""
-    velocity = (slowest + fastest) / 2
     room = replace(limits, pans="camera", max_pan=abs(velocity), max_top_speed=2 * abs(velocity))
     motion = LinearMotion(half_exposure=limits.max_half_exposure, velocity=velocity)
     on_it = in_sensor_frame(replace(scene, limits=room, given_motion=None), motion)[0]
@@ -298,7 +298,8 @@ def on_pan_in_plane(scene: Scene, choice: Row) -> str:
     """The same where things move in any direction about a mean."""
     law = require_velocities(scene)
     x, y = law.centre.tolist()
-    is_one_way = math.hypot(x, y) > law.half_range(np.array([math.atan2(y, x)]))[0]
+    speed = math.hypot(x, y)
+    is_one_way = speed > 0 and speed >= law.half_range(np.array([math.atan2(y, x)]))[0]
     if _moves(scene.limits) or not is_one_way:
         return ""
     burst = stills_on_pan(scene)
@@ -503,11 +504,24 @@ def _camera_words(scene: Scene, choice: Row) -> list[str]:
     window = 1e3 * window_of(scene)
     said = [f"frames within {window:,.{4 if window < 1e4 else 9}g} ms"] if frames else []
     if STAGE in choice.required_hardware:
-        stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
-        said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
+        room, speed = _room(limits, choice.sequence), float(limits.max_top_speed)
+        said.append(f"a stage with {room} and {speed:,g} px/s")
     said += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
     readout = scene.sensor.readout_time
     return [*said, f"rows read within {readout * 1e3:,.4g} ms" if readout else "global shutter"]
+
+
+def _room(limits: Limits, frames: Exposures | None) -> str:
+    """The room of a stage: its travel where that is the less, or else the stroke during frames."""
+    stroke, most = float(limits.max_stroke), limits.max_travel
+    if most is not None and float(most) < stroke:
+        return f"a travel of {float(most):,.4g} px"
+    room = f"a stroke of {stroke:,.4g} px"
+    travel = 0.0 if frames is None else float(frames.travel)
+    if travel <= 1.001 * stroke:
+        return room
+    way = _at_most(travel) if frames is not None and frames.in_plane else travel
+    return f"{room} during frames, {three_digits(way)} px with its run-up,"
 
 
 def details_of(scene: Scene, frames: Exposures | None) -> list[str]:

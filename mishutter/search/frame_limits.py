@@ -26,7 +26,7 @@ _MARGIN, _MARGIN_AT_ONCE = 1e-5, 2e-3
 a stage of any acceleration keeps its stroke, as it turns round beyond frames."""
 _AT_ONCE = 1e4
 """Acceleration, in top speeds over the least time between frames, that stands for any."""
-_LEAST_GAP = 1e-3
+LEAST_GAP = 1e-3
 """Time between frames of numbers of their own, in periods: no way is to be driven in less."""
 _DIRECTIONS = 8
 """Directions along which two axes keep a limit together."""
@@ -116,7 +116,7 @@ class Room(NamedTuple):
         rows = [
             (count, times.shortest / period, max(longest, times.shortest) / period),
             (count * (pieces + 1) * axes, -top, top),
-            (count - 1, max(times.dead_time / period, _LEAST_GAP), max(times.window / period, 1.0)),
+            (count - 1, max(times.dead_time / period, LEAST_GAP), max(times.window / period, 1.0)),
             (count * axes, 0.0, most),
             (axes, -pan, pan),
             (axes, *far),

@@ -5,24 +5,26 @@ one to the next in any way that it can (`mishutter.search.frame_limits`). What t
 each number is known in closed form (`mishutter.search.frame_levels`), and SciPy's SLSQP climbs from
 a few starts. Frames of few numbers (`mishutter.search.frame_ties`) are the same frames tied. They
 are searched first; they are the starts of the free search, and preferred where they are as good.
-From the best the search goes on with frames that are shaken, follow another thing or come in
-another order.
+From the best the search goes on with frames that are shaken, follow another thing, come in
+another order or make way for each other.
 """
 
 import contextlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from mishutter.evaluation.levels import psnr_of_error
 from mishutter.model.exposures import Exposures
 from mishutter.model.limits import Limits
 from mishutter.model.sequences import SINE
 from mishutter.search.frame_levels import Frames, Levels, Shape
-from mishutter.search.frame_limits import Room
+from mishutter.search.frame_limits import LEAST_GAP, Room
 from mishutter.search.frame_rows import RowLevels
 from mishutter.search.frame_ties import BRACKETED, FOLLOW, FREE, MOST_FREE, PAN, Numbers, Tie
 
@@ -35,6 +37,10 @@ _STARTS = 4
 _EXCHANGES, _ROUNDS = 4, 3
 _SHARES = 0.02, 0.1, 0.4
 """Shares of velocities and exposures by which frames are shaken that have another order."""
+_LIKELIEST = 2
+"""Arrangements that are tried at a time."""
+_GAPS = 96
+"""Times in which a flight between two frames is tried."""
 _AS_GOOD = 0.02
 """Decibels below the best at which still fewer frames are tried."""
 _NEARLY_AS_GOOD = 0.1
@@ -263,7 +269,11 @@ class Search(NamedTuple):
             if count > 2 and top.level > most.level - _NEARLY_AS_GOOD:
                 orders = reordered(self.room)
                 beside += again(self.levels, self.room, top, orders, times=count // 2)
-        return beside
+        most = best_of([most, *beside]) or most
+        ways, times = rearranged(self.levels, self.room), 1 + most.frames.exposure.size // 2
+        arranged = again(self.levels, self.room, most, ways, times=times, least=_AS_GOOD / 4)
+        # Frames that are as good stay as they are.
+        return beside + [end for end in arranged if end.level > most.level + _AS_GOOD]
 
     def _of_number(self, count: int) -> list[End | None]:
         """Ends of descents of so many frames."""
@@ -377,6 +387,89 @@ def reordered(room: Room) -> Callable[[Frames], list[Frames]]:
         return [shaken(moved, draw, room, *_SHARES[:2]), shaken(frames, draw, room, *shares)]
 
     return starts
+
+
+def rearranged(levels: Levels, room: Room) -> Callable[[Frames], list[Frames]]:
+    """Starts of which one frame each goes and another one stands twice, elsewhere or turned round.
+
+    No descent leads there. The likeliest come first, and then ever less likely ones of the same
+    frames.
+    """
+    draw, last, likeliest = np.random.default_rng(1), None, iter(())
+
+    def starts(frames: Frames) -> list[Frames]:
+        nonlocal last, likeliest
+        if frames is not last:
+            last, likeliest = frames, arrangements(levels, room, frames)
+        return [shaken(moved, draw, room, 0.01) for moved in islice(likeliest, _LIKELIEST)]
+
+    return starts
+
+
+def arrangements(levels: Levels, room: Room, frames: Frames) -> Iterator[Frames]:
+    """Frames of which one goes and another one stands twice, or elsewhere; the likeliest first.
+
+    The level is the same in any order, and of frames that run backwards, but not the time that
+    flights between them take. Time that is spared is worth what a longer exposure gains at least.
+    """
+    count, times, both = frames.exposure.size, room.times, _both_ways(frames)
+    gains, gaps = levels.gained(frames), _least_gaps(room, both)
+    whole, (error, by_exposure, _) = np.sum(gains, axis=0), levels.slope(frames)
+    worth = max(float(np.min(-by_exposure)), _LEAST_GAIN / times.period)
+    # With no frame before the first and after the last.
+    gaps = np.pad(gaps, ((0, 1), (0, 1)))
+    every, nothing = np.arange(2 * count), [2 * count]
+    now = np.sum(np.diagonal(gaps[:count, :count], 1)) + np.sum(frames.exposure)
+    moves = []
+    for out in range(count):
+        left = np.delete(np.arange(count), out)
+        before, after = np.concatenate([nothing, left]), np.concatenate([left, nothing])
+        between = gaps[before, after]
+        added = gaps[before][:, every] + gaps[every][:, after].T - between[:, None]
+        spared = now - np.sum(between) - np.sum(frames.exposure[left])
+        spared = spared - np.min(added, axis=0) - both.exposure
+        errors = (np.sum(levels.left(whole - gains[out] + gain)) for gain in gains)
+        gained = [psnr_of_error(float(each)) + error for each in errors]
+        for other in every.tolist():
+            if other % count != out or spared[other] > 1e-9 * times.period:
+                order = np.insert(left, int(np.argmin(added[:, other])), other)
+                moves.append((gained[other % count] + worth * spared[other], order))
+    least = math.inf
+    for gain, order in sorted(moves, key=lambda move: -move[0]):
+        # Many are all one, as frames are alike.
+        if gain < least - _LEAST_GAIN:
+            exposure, velocity, place = (part[order] for part in both[:2] + both[3:4])
+            gap = np.maximum(gaps[order[:-1], order[1:]], times.period - exposure[1:])
+            yield Frames(exposure, velocity, gap, place, frames.pan)
+            least = gain
+
+
+def _both_ways(frames: Frames) -> Frames:
+    """Frames, and then the same as they run backwards."""
+    exposure, place = (np.concatenate([x, x]) for x in (frames.exposure, frames.place))
+    velocity = np.concatenate([frames.velocity, frames.velocity[:, ::-1]])
+    return Frames(exposure, velocity, 0 * exposure[1:], place, frames.pan)
+
+
+def _least_gaps(room: Room, frames: Frames) -> Float[np.ndarray, "n n"]:
+    """Least time from the end of each frame to the begin of each, wherever both have room; s."""
+    stage, times, length = frames.stage[..., 0], room.times, room.length
+    knots = (frames.knots - frames.place[:, None])[..., 0]
+    first, last = stage[:, :-1], stage[:, 1:]
+    gain = np.where(first * last < 0, last - first, np.inf)
+    places = np.concatenate([knots, knots[:, :-1] - first**2 * frames.steps / (2 * gain)], axis=1)
+    low, high, end = np.min(places, axis=1), np.max(places, axis=1), knots[:, -1:]
+    shortest = max(times.dead_time, LEAST_GAP * times.period)
+    tried = np.geomspace(shortest, max(times.window, shortest), _GAPS)[:, None, None]
+    leave, meet, tried = np.broadcast_arrays(stage[:, -1:], stage[:, 0], tried)
+    least, most = room.reach(leave, meet, tried)
+    # Ways between them where the one is as far up as it can be and the other down, and in turn.
+    possible = (least <= length - high + low[:, None] - end) & (
+        most >= high[:, None] - length - low - end
+    )
+    possible &= np.abs(meet - leave) <= room.acceleration * tried
+    gaps = np.where(np.any(possible, axis=0), tried[np.argmax(possible, axis=0), 0, 0], tried[-1])
+    return np.maximum(gaps, times.period - frames.exposure)
 
 
 def shaken(

@@ -176,7 +176,7 @@ USAGE = {
         ["--design", "d.json", "--shutter", "hann"],
         "`--shutter` must be left out with --design; got 'hann'",
     ),
-    "white": (["--white", "-3"], "error: `white` must be above 0; got -3"),
+    "white": (["--white", "-3"], "error: `--white` must be above 0; got -3"),
     "seed": (
         ["--seed", str(1 << 63)],
         "`--seed` must be at most 9223372036854775807; got '9223372036854775808'",

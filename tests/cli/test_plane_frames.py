@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.command_line import messages, refused
+from support.bursts import a_burst_design
+from support.command_line import SMALL_SCENE, messages, refused
 from support.plane import a_plane_design
 
 import mishutter as ms
@@ -97,6 +98,26 @@ def test_frames_are_written_and_restored(desk, capsys):
     assert cli.main(["restore", *frames, "--design", "design.json", *told]) == 0
     light, truth = (ms.read_picture(name).light for name in ("told/restored.png", "photo.png"))
     assert float(ms.psnr(truth, light)) > float(ms.psnr(truth, second)) > 20
+
+
+def test_words_are_those_of_commands(desk, capsys):
+    """A scene of another kind of motion, a decoder of rows and too few steps, by their options."""
+    camera = ["--design", "design.json"]
+    (desk / "axis.toml").write_text(SMALL_SCENE)
+    a_burst_design().save("axis.json")
+    in_plane = "must be for things that move in any direction, as those of the scene do"
+    for command in (["simulate", "axis.toml"], ["restore", "photo.png", "--scene", "axis.toml"]):
+        line = refused(capsys, *command, *camera)
+        assert "`--design` must be for things that move along one axis, as those" in line
+        assert "got 'design.json', for things in any direction" in line
+    (desk / "plane.toml").write_text(BACTERIUM)
+    line = refused(capsys, "simulate", "plane.toml", "--design", "axis.json", "--speed", "1,2")
+    assert f"`--design` {in_plane}; got 'axis.json', for things along one axis" in line
+    for command in (["simulate", "--subject", "photo.png"], ["restore", "photo.png"]):
+        line = refused(capsys, *command, *camera, "--decoder", "wiener")
+        assert "`--decoder` must be ensemble or total-variation where" in line
+    line = refused(capsys, "export", "design.json", "--steps", "1")
+    assert "`--steps` must leave each of 3 frames a step" in line
 
 
 @pytest.mark.slow

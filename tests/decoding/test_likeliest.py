@@ -49,6 +49,9 @@ def test_the_likeliest_picture_solves_the_normal_equations():
     expected = np.linalg.solve(normal, target)
     np.testing.assert_allclose(found.picture.ravel(), expected, atol=1e-9)
     assert float(found.gains) == pytest.approx(target @ expected / 2)
+    # Beside one that is found at once it is found as well.
+    both = likeliest(canvas, np.stack([1e-9 * responses, responses], axis=1), tolerance=1e-10)
+    np.testing.assert_allclose(both.picture[1].ravel(), expected, atol=1e-9)
     # What frames go on as tells the same picture, by all of the canvas.
     density = np.sum(np.abs(responses) ** 2 / noises[:, None, None], axis=0)
     np.testing.assert_allclose(found.density, density)

@@ -223,17 +223,21 @@ def test_the_mean_over_speeds_is_by_how_often_they_occur():
 
 
 def test_columns_that_are_judged():
-    """The same of the scene for a camera that moves and one at rest, half a kernel inside."""
+    """The same of the scene for a camera that moves and one at rest, half a kernel inside.
+
+    Those of the mirrored camera are mirrored.
+    """
     speeds, still = np.array([0.0, -300.0]), ms.StillCamera(half_exposure=HALF_EXPOSURE)
     judged = []
-    for motion in (camera(), still):
+    down = ms.FreeMotion(accelerations=-camera().acceleration[None], half_exposure=HALF_EXPOSURE)
+    for motion in (camera(), still, down):
         assert kernel_layout(motion, *speeds, least_taps=96)[0] == 96
         window, inner = _common_columns(900, motion, speeds, 96, "rows")
         assert window.stop - window.start == 900 - 96 + 1
         assert inner.start >= 48
         assert inner.stop <= window.stop - window.start - 48
         judged.append((window.start + inner.start, window.start + inner.stop))
-    assert judged[0] == judged[1]
+    assert judged[0] == judged[1] == (900 - judged[2][1], 900 - judged[2][0])
 
 
 def test_no_noise_without_a_key():

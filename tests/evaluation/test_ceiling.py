@@ -24,7 +24,7 @@ from mishutter import (
 )
 
 # Instants and counts are steps of the ceiling, which returns a single number.
-from mishutter.evaluation.ceilings import Times
+from mishutter.evaluation.ceilings import Times, _poured_error
 from mishutter.evaluation.needs import Plan, frequency_counts
 
 LONGEST = 0.012
@@ -346,6 +346,18 @@ def test_without_light_the_ceiling_is_the_variance_of_the_picture():
                 assert float(found) == pytest.approx(-20 * np.log10(0.17), rel=1e-12)
         dark = evaluate(scene, StillCamera(half_exposure=LONGEST), HannShutter())
         assert float(dark.known_speed_psnr) == pytest.approx(-20 * np.log10(0.17), rel=1e-12)
+
+
+def test_a_picture_of_no_mean_has_the_error_of_one_that_hardly_has_any():
+    """Its read noise is left, of speeds that fill their range unevenly."""
+    speeds, weights = np.linspace(-700.0, 900.0, 5), np.array([1.0, 2.0, 5.0, 2.0, 1.0])
+    light = {"photon_rate": 2e5, "read_noise": 6.0}
+    none, little = (
+        _poured_error(Scene(speeds, weights, **light, picture=Texture(mean_level=mean)), 0.012, 64)
+        for mean in (0.0, 1e-9)
+    )
+    assert none == pytest.approx(little, rel=1e-6)
+    assert none > 0
 
 
 def test_what_loses_nothing_has_no_ceiling():

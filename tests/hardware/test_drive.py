@@ -29,6 +29,7 @@ from mishutter import (
     drive_table,
     evaluate,
 )
+from mishutter.model.sensor import Sensor
 
 
 def test_step_means_are_the_integral_of_the_profile():
@@ -207,6 +208,16 @@ def test_a_table_has_the_steps_and_levels_of_its_device():
     assert (table.begin.size, table.num_levels) == (48, 2)
     table = drive_table(design, num_steps=7, num_levels=5)
     assert (table.begin.size, table.num_levels) == (7, 5)
+
+
+def test_a_shutter_is_driven_at_its_own_times_whatever_the_sensor_reads():
+    """It lights all rows at once, where the triggers of frames begin the row that is read first."""
+    design = a_design(HannShutter())
+    rows = replace(design, scene=_scene(sensor=Sensor(readout=0.004)))
+    for table in map(drive_table, (design, rows)):
+        half = float(design.motion.half_exposure)
+        assert table.lights[0] == pytest.approx((-half, half))
+        assert table.lead == 0
 
 
 def test_a_shutter_needs_no_drive_only_if_it_never_closes():

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -393,7 +394,8 @@ def test_an_answer_says_what_it_assumes():
         f"moves as a whole, or its objects are much wider than {way:,} px (else say [objects], "
         "or [occlusion] before a background); "
         f"frames are registered without error; frames within {window:g} ms; a stage with a stroke "
-        f"of {stroke:g} px and {speed:,g} px/s; a sensor of 517 px; global shutter."
+        f"of {stroke:g} px during frames, 45 px with its run-up, and {speed:,g} px/s; a sensor "
+        "of 517 px; global shutter."
     )
     for decoder, words in (
         ("unknown", "one filter restores all speeds"),
@@ -442,6 +444,23 @@ def test_an_answer_says_that_nothing_limits_the_acceleration_of_a_stage():
     assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in said
     at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}).verdict
     assert "The stage" not in at_rest
+
+
+def test_an_answer_says_what_room_a_stage_is_assumed_to_have():
+    """Its travel where that is the less; beside the stroke what the run-up takes beyond it."""
+    said = {}
+    for stroke, travel in ((50.0, None), (50.0, 48.5), (20.0, None), (20.0, 64.0)):
+        limits = replace(SCENE.limits, max_stroke=stroke, max_travel=travel)
+        found = answer(OF_FRAMES, scene=replace(BURST, limits=limits)).verdict
+        words = found.replace("\n", " ").partition("; a stage with a ")[2]
+        said[stroke, travel] = words.partition(" and ")[0]
+    beyond = "stroke of 20 px during frames, 45 px with its run-up,"
+    assert said == {
+        (50.0, None): "stroke of 50 px",
+        (50.0, 48.5): "travel of 48.5 px",
+        (20.0, None): beyond,
+        (20.0, 64.0): beyond,
+    }
 
 
 @pytest.mark.slow
@@ -520,6 +539,20 @@ def test_frames_on_a_pan_lose_by_borders_as_others_do():
     )
     assert "a stage, 2 frames of 3.33 ms would reach 33.6 dB" in wide
     assert "a stage, a snapshot of 8.62 ms would reach 33.5 dB" in narrow
+
+
+@pytest.mark.parametrize(
+    ("speeds", "words"), [([0.0, 900.0, 3000.0], "1,500"), ([-2000.0, 0.0], "-1,000"), ([0.0], "")]
+)
+def test_things_that_rest_do_not_move_the_other_way(speeds, words, monkeypatch):
+    """Among things at rest and others of one way, half of the fastest is followed."""
+    at_rest, better = (made_up({BEST_SNAPSHOT: level})[0] for level in (22.0, 25.0))
+    found = [SimpleNamespace(judged_by=lambda *_: better)]
+    monkeypatch.setattr("mishutter.report.verdict.snapshots", lambda _: found)
+    scene = Scene(speeds, photon_rate=1.8e5, read_noise=4.0, limits=BELT.limits)
+    said = on_pan(scene, at_rest, ExpectedErrorLoss())
+    assert said.startswith(words and f"Following at {words} px/s, by turning the camera, a mirror")
+    assert bool(said) == bool(words)
 
 
 def test_no_pan_is_told_of_where_one_is_there_or_would_not_help():

@@ -135,6 +135,34 @@ def test_bends_are_where_bounds_change_their_course(seed):
         np.testing.assert_allclose(np.diff(found, 2, axis=0), 0, atol=1e-9)
 
 
+def test_bends_of_a_stage_are_where_its_bounds_have_a_kink():
+    """Travel, acceleration and top speed limit the strongest motion in turn as exposures grow."""
+    limits = Limits(
+        max_stroke=40.0,
+        max_travel=55.0,
+        max_acceleration=9e5,
+        max_top_speed=6e3,
+        min_half_exposure=5e-4,
+        max_half_exposure=0.1,
+    )
+    scene = Scene([900.0, -900.0], photon_rate=1e5, read_noise=1.0, limits=limits)
+    motion = ParabolicMotion(acceleration=9e4, half_exposure=0.012)
+    space = design_space(scene, motion, HannShutter(), FREE_NAMES[1::2])
+    shares = np.linspace(0, 1, 801)
+
+    @jax.jit
+    @jax.vmap
+    def strongest(share):
+        return jnp.log(space.at(jnp.stack([share, jnp.ones(())]))[1].acceleration)
+
+    curved = np.abs(np.diff(np.asarray(strongest(shares)), 2))
+    beside = np.maximum(np.roll(curved, 3), np.roll(curved, -3))
+    kinks = shares[1:-1][(curved > 10 * beside) & (curved > 1e-4)]
+    away = np.abs(kinks[:, None] - space.bends.places).min(axis=1)
+    assert kinks.size > 0
+    assert away.max() < 2 / 800
+
+
 def test_only_a_motion_that_is_free_bends():
     """With one of exposure and acceleration, or a camera at rest, bounds are plain numbers."""
     still = StillCamera(half_exposure=1e-3)

@@ -153,6 +153,86 @@ def test_another_order_moves_whole_frames(room, monkeypatch):
     assert len(orders) > 4
 
 
+def _places_of(room, frames, gap):
+    """Whether two frames so much apart have places within the limits."""
+    pair, every = frames._replace(gap=np.array([gap])), np.linspace(0, room.stroke, 121)
+    places = np.stack(np.meshgrid(every, every), axis=-1).reshape(-1, 2)
+    shape, least = pair.shape, -2e-2
+    points = [room.joined(pair._replace(place=place[:, None])) for place in places]
+    slack = room.slack(np.array(points), shape)
+    return bool(np.any(np.min(slack, axis=1) > least))
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5])
+def test_flights_take_the_least_time_that_any_places_allow(seed):
+    """Against all limits, of frames at any places: not in a shorter time, but in a longer one."""
+    limits = replace(LIMITS, max_acceleration=2e6, max_stroke=30.0, max_travel=30.0)
+    own = _scene(limits)
+    times = FrameTimes.of(own, own.burst)._replace(dead_time=0.0, period=1e-3, window=0.07)
+    room, draw = Room.of(limits, times, 2400.0), np.random.default_rng(seed)
+    exposure, velocity = draw.uniform(3e-3, 9e-3, 2), draw.normal(0.0, 1500.0, (2, 2, 1))
+    frames = Frames(exposure, velocity, exposure[1:], np.zeros((2, 1)), np.zeros(1))
+    gap = frame_search._least_gaps(room, frames)[0, 1]
+    assert _places_of(room, frames, 1.1 * gap)
+    assert gap < 1.1e-6 or not _places_of(room, frames, 0.8 * gap)
+
+
+def test_one_frame_goes_and_another_stands_twice_or_elsewhere(levels, room):
+    """Either way round, with the flights that this takes; all others stay in their order."""
+    frames, every = _frames(4, 1), []
+    gaps = frame_search._least_gaps(room, frame_search._both_ways(frames))
+    for found in frame_search.arrangements(levels, room, frames):
+        order = [int(np.argmin(np.abs(frames.exposure - x))) for x in found.exposure]
+        is_turned = [
+            not np.array_equal(velocity, frames.velocity[k])
+            for k, velocity in zip(order, found.velocity, strict=True)
+        ]
+        states = [k + 4 * turned for k, turned in zip(order, is_turned, strict=True)]
+        every.append(tuple(states))
+        for place, state in enumerate(states):
+            way = slice(None, None, -1 if state > 3 else 1)
+            np.testing.assert_array_equal(found.velocity[place], frames.velocity[state % 4][way])
+            np.testing.assert_array_equal(found.place[place], frames.place[state % 4])
+        np.testing.assert_array_equal(found.gap, gaps[states[:-1], states[1:]])
+        left = [[*states[:k], *states[k + 1 :]] for k in range(4)]
+        assert any(rest == sorted(rest) and max(rest) < 4 and len({*rest}) == 3 for rest in left)
+    assert len({*every}) == len(every) > 8
+    assert (0, 1, 2, 3) not in every
+
+
+def test_frames_that_follow_two_ways_take_turns(levels, room):
+    """Of orders of the same frames the first takes least time: none flies back in between.
+
+    Two of the slow ones have room one after the other, and two of the fast ones have not.
+    """
+    velocity = np.array([2400.0, 2400.0, -700.0, -700.0])[:, None, None] * np.ones((1, 2, 1))
+    exposure = np.array([0.0120, 0.0121, 0.0160, 0.0161])
+    frames = Frames(exposure, velocity, np.full(3, 4e-3), np.zeros((4, 1)), np.zeros(1))
+    times = room.times._replace(period=1e-3, dead_time=0.0)
+    # A stage that turns round in less time than it flies back.
+    quick = room._replace(acceleration=8e6, times=times)
+    every = list(frame_search.arrangements(levels, quick, frames))
+    orders = [found for found in every if len({*found.exposure}) == 4]
+    is_fast = orders[0].velocity[:, 0, 0] > 0
+    assert not np.any(is_fast[1:] & is_fast[:-1])
+    spent = [float(np.sum(found.gap) + np.sum(found.exposure)) for found in orders]
+    gaps = frame_search._least_gaps(quick, frames)
+    before = float(np.sum(np.diagonal(gaps, 1)) + np.sum(frames.exposure))
+    assert spent[0] == min(spent) < before - 5e-3
+
+
+def test_each_start_of_the_same_frames_is_less_likely(levels, room, monkeypatch):
+    """The two likeliest ones first and then the next; of other frames again the likeliest."""
+    monkeypatch.setattr(frame_search, "shaken", lambda frames, *_: frames)
+    frames, other = _frames(4, 1), _frames(4, 1, seed=4)
+    starts = frame_search.rearranged(levels, room)
+    wanted = [*frame_search.arrangements(levels, room, frames)][:3]
+    wanted += [next(frame_search.arrangements(levels, room, other))]
+    found = [*starts(frames), *starts(frames)[:1], *starts(other)[:1]]
+    for one, each in zip(found, wanted, strict=True):
+        np.testing.assert_array_equal(one.velocity, each.velocity)
+
+
 @pytest.mark.parametrize("kind", [SWEEP, BRACKETED, FREE])
 def test_slopes_of_a_descent_are_those_of_differences(kind, levels, room, monkeypatch):
     """Of the level and of all limits, by numbers of a tie and by those of each frame."""

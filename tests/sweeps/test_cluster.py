@@ -99,7 +99,7 @@ def test_a_scheduler_that_does_not_answer(monkeypatch, tmp_path, capsys):
     assert not any(tmp_path.iterdir())
     arguments = ["sweep", "--acceleration", "1e5:2e5:2", "--half-exposure", "5:6:2"]
     line = refused(capsys, *arguments, "--scheduler", address)
-    assert line.startswith("mishutter: error: `scheduler` must be a scheduler")
+    assert line.startswith("mishutter: error: `--scheduler` must be a scheduler")
 
 
 def test_without_the_extra(monkeypatch):
