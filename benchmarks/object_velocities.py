@@ -21,7 +21,7 @@ from mishutter.decoding.rolling import GLOBAL
 
 ORDERS = ((20, 20, 20, 20), (20, 20, 20, 6), (20, 3, 20, 3), (4, 4, 4, 4))
 """Exposures of stills, ms."""
-NUM_SCENES = 4
+NUM_SCENES = 5
 MATCHED = 60.0
 """Difference of a velocity that is found from that of a thing up to which it is of it; px/s."""
 TEXT = """## Stated errors of found velocities

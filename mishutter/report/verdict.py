@@ -277,9 +277,9 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     limits, occurs = scene.limits, np.asarray(scene.weights) > 0
     speeds = np.asarray(scene.speeds, np.float64)[occurs]
     slowest, fastest = float(np.min(speeds)), float(np.max(speeds))
-    if _moves(limits) or slowest * fastest <= 0 or scene.occlusion is not None:
+    velocity, both_ways = (slowest + fastest) / 2, slowest * fastest < 0
+    if _moves(limits) or both_ways or velocity == 0 or scene.occlusion is not None:
         return ""
-    velocity = (slowest + fastest) / 2
     room = replace(limits, pans="camera", max_pan=abs(velocity), max_top_speed=2 * abs(velocity))
     motion = LinearMotion(half_exposure=limits.max_half_exposure, velocity=velocity)
     on_it = in_sensor_frame(replace(scene, limits=room, given_motion=None), motion)[0]
@@ -298,7 +298,8 @@ def on_pan_in_plane(scene: Scene, choice: Row) -> str:
     """The same where things move in any direction about a mean."""
     law = require_velocities(scene)
     x, y = law.centre.tolist()
-    is_one_way = math.hypot(x, y) > law.half_range(np.array([math.atan2(y, x)]))[0]
+    speed = math.hypot(x, y)
+    is_one_way = speed > 0 and speed >= law.half_range(np.array([math.atan2(y, x)]))[0]
     if _moves(scene.limits) or not is_one_way:
         return ""
     burst = stills_on_pan(scene)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -538,6 +539,20 @@ def test_frames_on_a_pan_lose_by_borders_as_others_do():
     )
     assert "a stage, 2 frames of 3.33 ms would reach 33.6 dB" in wide
     assert "a stage, a snapshot of 8.62 ms would reach 33.5 dB" in narrow
+
+
+@pytest.mark.parametrize(
+    ("speeds", "words"), [([0.0, 900.0, 3000.0], "1,500"), ([-2000.0, 0.0], "-1,000"), ([0.0], "")]
+)
+def test_things_that_rest_do_not_move_the_other_way(speeds, words, monkeypatch):
+    """Among things at rest and others of one way, half of the fastest is followed."""
+    at_rest, better = (made_up({BEST_SNAPSHOT: level})[0] for level in (22.0, 25.0))
+    found = [SimpleNamespace(judged_by=lambda *_: better)]
+    monkeypatch.setattr("mishutter.report.verdict.snapshots", lambda _: found)
+    scene = Scene(speeds, photon_rate=1.8e5, read_noise=4.0, limits=BELT.limits)
+    said = on_pan(scene, at_rest, ExpectedErrorLoss())
+    assert said.startswith(words and f"Following at {words} px/s, by turning the camera, a mirror")
+    assert bool(said) == bool(words)
 
 
 def test_no_pan_is_told_of_where_one_is_there_or_would_not_help():
