@@ -447,7 +447,7 @@ def _frames(file: SavedDesign, scene: Scene) -> Exposures | None:
     if (plane := file.plane) is not None:
         durations, velocities = plane.piece_durations_s, plane.velocities_px_per_s
         numbers = map(np.array, (plane.times_s, plane.exposures_s, durations, velocities))
-        taken = scene, plane.kind, FramePath(*numbers, plane.lead_s), plane.psnr_db
+        taken = scene, plane.kind, FramePath(*numbers, lead=plane.lead_s), plane.psnr_db
         found = exposures_in_plane(*taken, width_loss=plane.width_loss_db)
         return replace(found, registration_loss=plane.registration_loss_db)
     if (saved := file.sequence) is None:
