@@ -210,18 +210,21 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
 
 def named_decoder(name: DecoderName, scene: "Scene | None" = None) -> "AbstractDecoder":
     """The decoder of a name, with the parameters that it has by default, for a scene."""
-    import mishutter as ms
+    from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
+    from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
+    from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
+    from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 
     in_plane = scene is not None and scene.velocities is not None
     fits = not in_plane or name in (DecoderName.ENSEMBLE, DecoderName.TOTAL_VARIATION)
     requirement = "be ensemble or total-variation where things move in any direction"
     require(fits, "--decoder", requirement, name.value)
     decoders = {
-        DecoderName.ENSEMBLE: ms.EnsembleDecoder,
-        DecoderName.WIENER: ms.WienerDecoder,
-        DecoderName.RICHARDSON_LUCY: ms.RichardsonLucyDecoder,
-        DecoderName.TOTAL_VARIATION: ms.TotalVariationDecoder,
-        DecoderName.SPEED_FINDING: ms.SpeedFindingDecoder,
+        DecoderName.ENSEMBLE: EnsembleDecoder,
+        DecoderName.WIENER: WienerDecoder,
+        DecoderName.RICHARDSON_LUCY: RichardsonLucyDecoder,
+        DecoderName.TOTAL_VARIATION: TotalVariationDecoder,
+        DecoderName.SPEED_FINDING: SpeedFindingDecoder,
     }
     return decoders[name]()
 
@@ -250,16 +253,22 @@ def judge_of(
 
 def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
     """The loss of a name; by default the expected error of the scene's decoder."""
-    import mishutter as ms
-    from mishutter.evaluation.speed_knowledge import loss_of_decoder
+    from mishutter.evaluation.losses import DesignLoss
+    from mishutter.evaluation.speed_knowledge import (
+        ExpectedErrorLoss,
+        FoundSpeedLoss,
+        KnownSpeedLoss,
+        WorstSpeedLoss,
+        loss_of_decoder,
+    )
 
     if name is None:
         return loss_of_decoder(scene)
     made = {
-        LossName.EXPECTED_ERROR: ms.ExpectedErrorLoss,
-        LossName.KNOWN_SPEED: ms.KnownSpeedLoss,
-        LossName.FOUND_SPEED: ms.FoundSpeedLoss,
-        LossName.WORST_SPEED: ms.WorstSpeedLoss,
-        LossName.DESIGN: ms.DesignLoss,
+        LossName.EXPECTED_ERROR: ExpectedErrorLoss,
+        LossName.KNOWN_SPEED: KnownSpeedLoss,
+        LossName.FOUND_SPEED: FoundSpeedLoss,
+        LossName.WORST_SPEED: WorstSpeedLoss,
+        LossName.DESIGN: DesignLoss,
     }
     return made[name]()

@@ -97,7 +97,7 @@ class OneExposure:
 
 
 class _OfOne(Generic[Value]):
-    """What a design has of its one exposure, and frames alone have not."""
+    """A part of the one exposure of a design, which frames alone do not have."""
 
     def __init__(self, part: Callable[[OneExposure], Value]):
         self._part = part
