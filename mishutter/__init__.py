@@ -24,7 +24,8 @@ Scenes
 Designs and their rivals
     optimise                  searches for the best design for a scene
     compare                   designs, snapshots, windows, stills and bursts; the answer
-    Design                    a shutter and a motion, their quality and their file
+    Design                    exposures for a scene, their quality and their file
+    OneExposure               what it has of one: shutter, motion, and how they were found
     plot_design               draws a design: its shutter, its path and its frames in time
     Comparison                what `compare` returns: rows, verdict and gain
     evaluate                  metrics of a design
@@ -34,7 +35,7 @@ Designs and their rivals
     best_sequence             the frames to take of a camera with a `BurstMode`
     best_in_plane             the frames to take of things that move in any direction
     PlaneSearch               what it returns: the best frames of each kind of way
-    PlaneDesign               one of them with its scene, and their file
+    PlaneDesign               the former name of a `Design` of them
     PlaneFrames               frames and a path in the plane
     exposures_psnr            level of frames along an axis or in the plane, with derivatives
     Exposures                 what `best_sequence` returns: frames, their path and their level

@@ -45,6 +45,7 @@ from .decoding.sequences import restore_frames as restore_frames
 from .decoding.simulation import capture_and_restore as capture_and_restore
 from .decoding.simulation import restore as restore
 from .design.design import Design as Design
+from .design.design import OneExposure as OneExposure
 from .design.design import Outcome as Outcome
 from .evaluation.ceilings import ceiling as ceiling
 from .evaluation.levels import exposures_psnr as exposures_psnr

@@ -7,14 +7,14 @@ from jaxtyping import Float
 from support.run_time_types import MOST_CALLS
 
 from mishutter import HannShutter, Limits, ParabolicMotion, blur_kernel
-from mishutter.camera.responses import frequencies_along
+from mishutter.camera.responses import frequencies_on
 
 MOTION = ParabolicMotion(acceleration=1.3e5, half_exposure=0.0117)
 
 
 WRONG = {
     "an argument": lambda: blur_kernel(HannShutter(), MOTION, speed="fast", num_taps=33),
-    "one of its own": lambda: frequencies_along(np.ones(3)),
+    "one of its own": lambda: frequencies_on(np.ones(3)),
     "a field": lambda: Limits(max_half_exposure=0.01, pans=3),
 }
 

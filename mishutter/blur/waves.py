@@ -72,13 +72,14 @@ def waves_on_dft(
 def waves_in_plane(
     place: Float[np.ndarray, "2 s q"],
     weight: Float[np.ndarray, "#s q"],
-    frequencies: tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n"]],
+    frequencies: tuple[Float[np.ndarray, "#m #n"], ...],
 ) -> Complex[np.ndarray, "s m n"]:
     r"""$\sum_q w_q e^{-2\pi i (f_y y_q + f_x x_q)}$ at all pairs of frequencies $f_y$ and $f_x$.
 
     Places $x$ along the rows come first, and frequencies $f_y$ down the columns.
     """
-    down, across = (_waves_at(x, f, np) for x, f in zip(place[::-1], frequencies, strict=True))
+    ways = zip(place[::-1], frequencies, strict=True)
+    down, across = (_waves_at(x, f.ravel(), np) for x, f in ways)
     return _sums_of_products(down, across, weight, np)
 
 

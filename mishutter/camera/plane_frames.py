@@ -40,7 +40,7 @@ def exposed_in_plane(
     period = (2 * rows, 2 * columns)
     mirrored = np.pad(light, ((0, 0), (0, rows), (0, columns)), mode="symmetric")
     spectrum = np.fft.rfft2(mirrored) * aperture_on(scene.optics, period)
-    turns = 2j * np.pi * frequencies_on(period)[0]
+    turns = 2j * np.pi * frequencies_on(period)[0].ravel()
     own = np.arange(period[0])[window[0]]
     for k in range(frames.num_frames):
         irradiance = np.zeros((light.shape[0], num_rows, window[1].stop - window[1].start))

@@ -226,7 +226,7 @@ def _hide(total: np.ndarray, sheet: _Sheet, group: _Group, frame: Instants, opti
         for matte, place in zip(mattes, places, strict=True):
             ways = zip(down_and_across, place[index], strict=True)
             down, across = (np.exp(-2j * np.pi * f * way) for f, way in ways)
-            shifted = matte * down[:, None] * across
+            shifted = matte * down * across
             clearness = clearness * (1 - _finer(shifted, period, finer))
         spectrum = rfftn(radiance * (1 - clearness), axes=_BOTH)
         return _coarser(spectrum, period) * (passes * aperture)

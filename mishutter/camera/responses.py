@@ -18,27 +18,25 @@ from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import NYQUIST_FREQUENCY, Optics, lens_response
 
 
-def frequencies_on(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies down the columns and along the rows of half of a DFT; cycles/px."""
-    return np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
+def frequencies_on(shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+    """Frequencies of half of a DFT, cycles/px: down the columns, then along the rows.
 
-
-def frequencies_along(shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-    """Frequencies along the rows, then down the columns, of half of a DFT; cycles/px."""
+    Of a DFT along rows there are those along them alone. They broadcast against one another.
+    """
     *down, across = shape
     each = [*map(np.fft.fftfreq, down), np.fft.rfftfreq(across)]
-    return tuple(np.meshgrid(*each, indexing="ij", sparse=True)[::-1])
+    return tuple(np.meshgrid(*each, indexing="ij", sparse=True))
 
 
 def aperture_on(optics: Optics, shape: tuple[int, ...], size: int = 1) -> Float[np.ndarray, "*k"]:
     """Response of a pixel of some size behind the lens, on the grid of a DFT of such pixels."""
-    each = frequencies_along(shape)
+    each = frequencies_on(shape)
     radius = reduce(np.hypot, each) / size
     cutoff = float(optics.cutoff_frequency)
     lens = lens_response(radius, float(optics.lens_blur))
     if cutoff < NYQUIST_FREQUENCY:
         lens = np.where(radius <= cutoff * (1 + 1e-12), lens, 0.0)
-    return reduce(np.multiply, map(np.sinc, each[::-1])) * lens
+    return reduce(np.multiply, map(np.sinc, each)) * lens
 
 
 def waves_of(

@@ -302,12 +302,11 @@ def compare(
                 f"one design; got {len(designs)}."
             )
         camera = cameras(scene, designs[0] if designs else None, files)
-        # One in the plane takes no table and no trace.
-        saved = {name: x for name, x in camera.designs.items() if isinstance(x, Design)}
+        saved = camera.designs
         motion = next(iter(saved.values())).motion
     else:
         paths = short_names(designs or [], {*taken_names(), *windows})
-        saved = {name: Design.load(path) for name, path in paths.items()}
+        saved = {name: Design.load_one(path) for name, path in paths.items()}
         for name, path in paths.items():
             note_other_device(path, saved[name], scene)
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from mishutter.camera.layers import Layers
     from mishutter.decoding.sequences import RestoredFrames
     from mishutter.decoding.simulation import Estimate, Simulation
-    from mishutter.design.design import AbstractDesign
+    from mishutter.design.design import Design
     from mishutter.model.scene import Scene
     from mishutter.pictures.images import Picture
 
@@ -137,7 +137,6 @@ def simulate(
     import jax
     import numpy as np
 
-    from mishutter.design.design import Design
     from mishutter.pictures.images import Picture, write_picture
     from mishutter.report.objects import write_objects
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
@@ -193,11 +192,7 @@ def simulate(
         note(f"warning: {estimate.doubt}")
     levels = {}
     if files.drive is not None or files.measured is not None:
-        levels = {
-            name: float(each.metrics.expected_psnr)
-            for name, each in designs.items()
-            if isinstance(each, Design)
-        }
+        levels = {name: float(each.metrics.expected_psnr) for name, each in designs.items()}
     if json:
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
@@ -217,7 +212,7 @@ def simulate(
 def _simulated(
     subject: "Picture | Layers | Footage",
     scene: "Scene",
-    camera: "AbstractDesign",
+    camera: "Design",
     settings: dict[str, Any],
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""

@@ -18,7 +18,7 @@ from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_design, option
 
 if TYPE_CHECKING:
-    from mishutter.design.design import AbstractDesign, Design
+    from mishutter.design.design import Design
     from mishutter.hardware.drive import DriveTable
     from mishutter.hardware.triggers import FrameTable
 
@@ -110,12 +110,12 @@ def export(
     if form in (FormatName.RIGOL, FormatName.NPY) and out is None and not json:
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
-    from mishutter.design.design import AbstractDesign, Design
+    from mishutter.design.design import Design
     from mishutter.hardware.drive import drive_table
 
-    saved = AbstractDesign.load(design)
+    saved = Design.load(design)
     folder = None if out is None else writable_folder(out)
-    if isinstance(saved, Design) and saved.sequence is None:
+    if saved.sequence is None:
         table = drive_table(
             saved,
             num_steps=num_steps,
@@ -139,7 +139,7 @@ def export(
 
 
 def _frames(
-    design: "AbstractDesign", told: Mapping[str, bool], num_steps: int | None, form: FormatName
+    design: "Design", told: Mapping[str, bool], num_steps: int | None, form: FormatName
 ) -> "FrameTable":
     """The triggers of a burst, for which some options must have their defaults."""
     from mishutter.hardware.drive_files import WITH_POSITIONS

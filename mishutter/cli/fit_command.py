@@ -64,7 +64,7 @@ def fit(
     from mishutter.hardware.calibration.measurements import read_measurements
     from mishutter.hardware.traces import for_a_fit
 
-    saved = Design.load(design)
+    saved = Design.load_one(design)
     records = read_measurements(measurements)
     if records.trace is not None:
         half = float(saved.motion.half_exposure)
@@ -105,7 +105,7 @@ def _cameras(
     from mishutter.search.search import optimise
 
     scene = camera.seen_through_lens(saved.scene)
-    cameras = {AS_DESIGNED: replace(saved, scene=scene, loss_name=GIVEN)}
+    cameras = {AS_DESIGNED: replace(saved, scene=scene).with_one(loss_name=GIVEN)}
     if drive is not None:
         cameras[AS_DRIVEN] = design_from_drive(drive, scene, saved.motion)
     cameras[AS_BUILT] = camera.design(saved.scene)

@@ -14,7 +14,7 @@ from mishutter.cli.help import CAMERA
 from mishutter.cli.options import option, path_option, scene_of
 
 if TYPE_CHECKING:
-    from mishutter.design.design import AbstractDesign, Design
+    from mishutter.design.design import Design
     from mishutter.hardware.traces import MeasuredProfile, Trace
     from mishutter.model.motion import AbstractMotion
     from mishutter.model.scene import Scene
@@ -178,15 +178,13 @@ class Cameras(NamedTuple):
     """One camera as its files describe it."""
 
     # The camera as designed, as driven and as measured, each only if it has a file
-    designs: "dict[str, AbstractDesign]"
+    designs: "dict[str, Design]"
     trace: "Trace | None" = None  # The trace of the camera as measured; None without one
     # The profile that the trace shows; None without a trace
     profile: "MeasuredProfile | None" = None
 
 
-def speed_for(
-    camera: "AbstractDesign", text: str, scene_file: Path | None
-) -> float | tuple[float, float]:
+def speed_for(camera: "Design", text: str, scene_file: Path | None) -> float | tuple[float, float]:
     """The speed of what a camera sees, or its velocity where that sees two axes; px/s."""
     from mishutter.model.scene_file import read_speed, read_velocity
 
@@ -249,30 +247,32 @@ def cameras(
     Without any of these it has a window of some name. Without a scene it is the design's, and of an
     example without a design the built-in one.
     """
-    from mishutter.design.design import GIVEN, AbstractDesign, Design, PlaneDesign, given_design
+    from mishutter.design.design import GIVEN, Design, given_design
     from mishutter.evaluation.views import transmittance
     from mishutter.hardware.drive import design_from_drive
     from mishutter.model.shutters.kinds import named_shutter
 
     files.require_table()
-    saved = None if design is None else AbstractDesign.load(design)
+    saved = None if design is None else Design.load(design)
     if scene is None and saved is not None:
         scene = saved.scene
     elif scene is None and of_example:
         scene = scene_of(None)
-    _require_alike(scene, design, in_plane=isinstance(saved, PlaneDesign))
-    if isinstance(saved, PlaneDesign):
+    in_plane = saved is not None and saved.scene.velocities is not None
+    _require_alike(scene, design, in_plane=in_plane)
+    if saved is not None and saved.one is None:
         for name, path in (("--drive", files.drive), ("--measured", files.measured)):
-            requirement = "be left out for a design in the plane: its table is along one axis"
+            requirement = "be left out for a design of frames alone: its table is of one exposure"
             require(path is None, name, requirement, str(path))
         return Cameras({AS_DESIGNED: replace(saved, scene=scene)})
-    designs: dict[str, AbstractDesign] = {}
+    designs: dict[str, Design] = {}
     motion = None
-    if design is not None and isinstance(saved, Design) and scene is not None:
+    if design is not None and saved is not None and scene is not None:
         note_other_device(design, saved, scene)
         motion = saved.motion
         profile = transmittance(scene, motion, saved.command)
-        designs[AS_DESIGNED] = replace(saved, scene=scene, shutter=profile, loss_name=GIVEN)
+        taken = replace(saved, scene=scene)
+        designs[AS_DESIGNED] = taken.with_one(shutter=profile, loss_name=GIVEN)
     if scene is None:
         raise ValueError("`--design or --scene` must be given; got None.")
     motion = scene.motion if motion is None else motion

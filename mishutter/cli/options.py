@@ -2,7 +2,6 @@
 
 from enum import Enum
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -209,19 +208,22 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
     return tuple(name.value for name in free) if free else None
 
 
-def _made(name: Enum, noun: str) -> Any:
-    """The object that an option names, with its defaults: `KnownSpeedLoss` for "known-speed"."""
-    words = (word.capitalize() for word in name.value.split("-"))
-    return getattr(import_module("mishutter"), f"{''.join(words)}{noun}")()
-
-
 def named_decoder(name: DecoderName, scene: "Scene | None" = None) -> "AbstractDecoder":
     """The decoder of a name, with the parameters that it has by default, for a scene."""
+    import mishutter as ms
+
     in_plane = scene is not None and scene.velocities is not None
     fits = not in_plane or name in (DecoderName.ENSEMBLE, DecoderName.TOTAL_VARIATION)
     requirement = "be ensemble or total-variation where things move in any direction"
     require(fits, "--decoder", requirement, name.value)
-    return _made(name, "Decoder")
+    decoders = {
+        DecoderName.ENSEMBLE: ms.EnsembleDecoder,
+        DecoderName.WIENER: ms.WienerDecoder,
+        DecoderName.RICHARDSON_LUCY: ms.RichardsonLucyDecoder,
+        DecoderName.TOTAL_VARIATION: ms.TotalVariationDecoder,
+        DecoderName.SPEED_FINDING: ms.SpeedFindingDecoder,
+    }
+    return decoders[name]()
 
 
 def judge_of(
@@ -248,6 +250,16 @@ def judge_of(
 
 def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
     """The loss of a name; by default the expected error of the scene's decoder."""
+    import mishutter as ms
     from mishutter.evaluation.speed_knowledge import loss_of_decoder
 
-    return loss_of_decoder(scene) if name is None else _made(name, "Loss")
+    if name is None:
+        return loss_of_decoder(scene)
+    made = {
+        LossName.EXPECTED_ERROR: ms.ExpectedErrorLoss,
+        LossName.KNOWN_SPEED: ms.KnownSpeedLoss,
+        LossName.FOUND_SPEED: ms.FoundSpeedLoss,
+        LossName.WORST_SPEED: ms.WorstSpeedLoss,
+        LossName.DESIGN: ms.DesignLoss,
+    }
+    return made[name]()

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mishutter.decoding.simulation import Estimate
-    from mishutter.design.design import AbstractDesign
+    from mishutter.design.design import Design
     from mishutter.hardware.recorded_paths import PathDifference
     from mishutter.model.exposures import Exposures
     from mishutter.model.scene import Scene
@@ -270,8 +270,8 @@ def restore(
 
 
 def _recorded(
-    camera: "AbstractDesign", stage_path: Path, files: CameraFiles, scale: float | None
-) -> "tuple[AbstractDesign, PathDifference]":
+    camera: "Design", stage_path: Path, files: CameraFiles, scale: float | None
+) -> "tuple[Design, PathDifference]":
     """A camera whose stage was where an encoder recorded it; notes how far that is off."""
     from mishutter.hardware.recorded_paths import read_path, with_recorded_path
     from mishutter.hardware.stage_files import pitch_of
@@ -369,7 +369,7 @@ def _note_frames(labels: list[_Label], light: "np.ndarray") -> None:
 
 def _camera(
     scene_file: Path | None, design: Path | None, files: CameraFiles, shutter: str | None
-) -> "AbstractDesign":
+) -> "Design":
     """The camera as measured, driven or designed, whichever was last; or a named shutter."""
     scene = None if scene_file is None else scene_of(scene_file)
     if any((design, files.drive, files.measured)):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from mishutter.camera.responses import aperture_on, frequencies_along, waves_of
+from mishutter.camera.responses import aperture_on, frequencies_on, waves_of
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.base import density_of, power_at
 from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
@@ -66,7 +66,7 @@ class Prior(NamedTuple):
 
     def on(self, shape: tuple[int, ...], size: int = 1) -> Float[np.ndarray, "*k"]:
         """On the grid of a DFT of pixels of some size, of rows or of pictures."""
-        across, *down = (f / size for f in frequencies_along(shape))
+        *down, across = (f / size for f in frequencies_on(shape))
         if down:
             power = picture_power_on(self.scene, down[0][:, 0], across[0])
         else:
@@ -78,7 +78,7 @@ class Prior(NamedTuple):
         if size == 1:
             return 0.0
         shape = (_FINE,) * num_axes
-        each = frequencies_along(shape)
+        each = frequencies_on(shape)
         passed = reduce(np.multiply, (np.sinc(size * f) for f in each)) ** 2
         fine = reduce(np.maximum, map(np.abs, each)) > 0.5 / size
         return float(mean_over_dft(self.on(shape) * passed * fine, *shape))
@@ -284,7 +284,7 @@ def slope_at(
     found = level.likeliest(velocity[None], tolerance)
     residual = canvas.known(canvas.frames - found.seen[:, 0])
     moved, changes = level.responses(velocity[None], by_time=True), []
-    for frequency in frequencies_along(canvas.shape):
+    for frequency in frequencies_on(canvas.shape)[::-1]:  # along the rows first
         turned = (2j * np.pi / size * frequency).astype(found.spectrum.dtype) * found.spectrum
         changes.append(np.stack([canvas.through(one, turned)[0] for one in moved]))
     side = 0.1 * _furthest(level)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from mishutter._core.checks import as_float, require
 from mishutter.camera.capture import kernel_layout
-from mishutter.camera.responses import frequencies_along
+from mishutter.camera.responses import frequencies_on
 from mishutter.camera.rows import instants_within_reach
 from mishutter.decoding.decoders.base import AbstractDecoder, CompleteFrames, blur_model
 from mishutter.decoding.decoders.linear import LEAST_POWER, EnsembleDecoder
@@ -130,7 +130,7 @@ def _by_total_variation(
 ) -> np.ndarray:
     """The minimum of `TotalVariationDecoder`, with the responses of the plane."""
     canvas, density = found.canvas, found.density[0]
-    turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in frequencies_along(canvas.shape))
+    turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in frequencies_on(canvas.shape))
     scales = decoder.scales(float(canvas.error(density)))
     smooth = scales.smooth / canvas.power
     smooth[0, 0] = 0.0  # the level is free

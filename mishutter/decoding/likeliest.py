@@ -33,7 +33,7 @@ import scipy.linalg
 from jaxtyping import Complex, Float, Int
 
 from mishutter._core.checks import RowLike, require
-from mishutter.camera.responses import frequencies_along
+from mishutter.camera.responses import frequencies_on
 from mishutter.camera.rows import counted_in, irfftn, pixels_through, rfftn
 from mishutter.decoding.decoders.base import density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
@@ -481,7 +481,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     expected = np.diag(np.array([0.2, 0.2, *[10.0 / canvas.size] * num_axes]) ** -2.0)
     for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
         changes = [seen[k] + mean, np.ones_like(seen[k])]
-        for frequency in frequencies_along(canvas.shape):
+        for frequency in frequencies_on(canvas.shape)[::-1]:  # along the rows first
             turn = (-2j * np.pi * frequency).astype(found.spectrum.dtype)
             change = canvas.through(found.responses[k], turn * found.spectrum)
             changes.append(change.reshape(shape[1:]))
@@ -603,6 +603,6 @@ def detail_of(
 
 def _mean_between(power: np.ndarray, shape: tuple[int, ...], low: float, high: float) -> float:
     """Mean power between two frequencies of half of a DFT."""
-    radius = reduce(np.hypot, frequencies_along(shape))
+    radius = reduce(np.hypot, frequencies_on(shape))
     inside = (radius >= low) & (radius <= high)
     return float(np.sum(power[inside]) / max(np.sum(inside), 1))

@@ -24,7 +24,7 @@ import scipy.fft
 from jaxtyping import Complex, Float, Int
 
 from mishutter.blur.waves import waves_on_dft
-from mishutter.camera.responses import frequencies_along, waves_of
+from mishutter.camera.responses import frequencies_on, waves_of
 from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, LineInTurn
 from mishutter.evaluation.instants import Instants
@@ -203,7 +203,7 @@ def _mean_place(of: Instants) -> Float[np.ndarray, "axes n"]:
 def _on_grid(power: Float[np.ndarray, "..."], grid: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     """A density on the coarser grid of another DFT, whose sum is its mean power."""
     lengths = *power.shape[:-1], 2 * (power.shape[-1] - 1)
-    each = zip(frequencies_along(grid)[::-1], lengths, strict=True)
+    each = zip(frequencies_on(grid), lengths, strict=True)
     index = [np.round(f.ravel() * length).astype(int) for f, length in each]
     return power[np.ix_(*index)] * counted_in(grid[-1]) / math.prod(grid)
 

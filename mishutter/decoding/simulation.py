@@ -46,7 +46,7 @@ from mishutter.decoding.sequences import (
     frames_restored,
     shows_objects,
 )
-from mishutter.design.design import AbstractDesign
+from mishutter.design.design import Design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
 from mishutter.evaluation.views import sensor_view
 from mishutter.model.exposures import Exposures
@@ -281,7 +281,7 @@ def photograph_by_frames(
 
 def restore(
     capture: Picture | ArrayLike,
-    design: AbstractDesign,
+    design: Design,
     *,
     decoder: AbstractDecoder | None = None,
     speed: float | RowLike | Sequence[RowLike] | None = None,
@@ -326,7 +326,7 @@ def restore(
 
 def restored_capture(
     capture: Picture | ArrayLike,
-    design: AbstractDesign,
+    design: Design,
     *,
     decoder: AbstractDecoder | None = None,
     speed: float | RowLike | Sequence[RowLike] | None = None,

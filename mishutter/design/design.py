@@ -1,13 +1,14 @@
 """A finished design, and the file that it is written to and read back from exactly."""
 
 import json
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, replace
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import ClassVar, TypeVar, final
+from typing import Generic, TypeVar, final
 
 import numpy as np
 
@@ -17,11 +18,10 @@ from mishutter._core.files import contents, strict_json, write_text
 from mishutter._core.validation import parsed, validated
 from mishutter.design.schema import (
     FORMAT,
-    SAVED_SCENE,
     SavedDesign,
     SavedMotion,
-    SavedPlaneDesign,
-    SavedSequence,
+    SavedOneExposure,
+    SavedScene,
 )
 from mishutter.evaluation.metrics import Metrics, SequenceMetrics, evaluate
 from mishutter.evaluation.speed_knowledge import (
@@ -39,9 +39,8 @@ from mishutter.model.sequences import FramePath, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import module_of, shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
-from mishutter.model.stages import StagePath
 
-Kind = TypeVar("Kind", bound="AbstractDesign")
+Value = TypeVar("Value")
 
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found."""
@@ -60,119 +59,104 @@ class Outcome(StrEnum):
     GIVEN = "The camera is given, and was not searched for."
 
 
-class AbstractDesign(ABC):
-    """Exposures, and the scene that they are for.
-
-    Attributes:
-        scene: The scene.
-        sequence: The frames of a burst; None of one exposure.
-    """
-
-    scene: Scene
-    sequence: Exposures | None
-    ways: ClassVar[str]
-    """The ways of its sensor, in words."""
-
-    @property
-    @abstractmethod
-    def exposures(self) -> Exposures:
-        """The frames of its burst, or its one exposure."""
-
-    @abstractmethod
-    def to_dict(self) -> dict[str, object]:
-        """Everything in the design as plain numbers, lists and text."""
-
-    @property
-    def frames_document(self) -> dict[str, object]:
-        """The frames of its burst as plain numbers, by their name in its file."""
-        if self.sequence is None:
-            return {}
-        name = "plane" if self.sequence.in_plane else "sequence"
-        return {name: frames_to_dict(self.sequence)}
-
-    @classmethod
-    def load(cls: type[Kind], path: str | Path) -> Kind:
-        """Read a design; its metrics are evaluated anew.
-
-        Args:
-            path: The file.
-
-        Raises:
-            ValueError: if the file is not a design of this format, or is one of the other class.
-            OSError: if it cannot be read.
-        """
-        name = str(path)
-        data = parsed(json.loads, contents(path), name, "JSON")
-        is_design = isinstance(data, dict) and "format" in data
-        require(is_design, name, "be a design saved by mishutter", type(data).__name__)
-        kind = PlaneDesign if "plane" in data else Design
-        if not issubclass(kind, cls):
-            require(False, name, f"be a design {cls.ways}", Unquoted(f"a design {kind.ways}"))
-        require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
-        file = validated(kind.schema, data, name)
-        try:
-            return kind.of_file(file)  # type: ignore[return-value]
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
-
-    def save(self, path: str | Path) -> None:
-        """Write the design to one JSON file, whole or not at all.
-
-        Args:
-            path: The file.
-
-        Raises:
-            ValueError: if the shutter is of a kind that the file format does not know.
-            OSError: if the file cannot be written.
-        """
-        write_text(path, strict_json(self.to_dict()) + "\n")
-
-
 @final
 @dataclass(frozen=True)
-class Design(AbstractDesign):
-    """A shutter and a motion, their quality, and the search that led to them.
+class OneExposure:
+    """One exposure along an axis, and the search that led to it.
 
     Attributes:
         shutter: The transmittance behind the device.
         motion: The sensor's motion.
-        scene: The scene it was designed for.
         loss: Final loss, at the frequencies and nodes that hold every design of the search; its
-            level and that of `metrics`, at those that this design needs, are both exact to 0.01 dB.
+            level and that of `Design.metrics`, at those that this design needs, are both exact to
+            0.01 dB. NaN of a camera that is given, as are the other numbers of a search.
         history: Smallest loss after each start, each minimisation, and each step of a polish.
         outcome: The end of the search.
-        notes: Sentences on the search or on the origin of the camera.
         certificate: Projected-gradient norm in the unit box of designs; where limits of the
             motion meet, by the slopes that lead down on either side.
         loss_name: The loss that was minimised.
         best_start_loss: Smallest loss among the starts.
+        notes: Sentences on the search or on the origin of the camera.
         straight: The best design without acceleration, where the search has set one beside
             this; it is not written to a file.
-        sequence: The frames of a burst to take in place of the one exposure; None where that is as
-            good, or the camera takes none. Without them, by `dataclasses.replace`, the design is of
-            the exposure.
-        bursts: The best bursts of a sensor at rest and of one that moves, where the search has
-            found them; they are not written to a file.
         psnr_ignoring_lag: Expected PSNR where the best design of a device that follows every
             command is sent to the scene's; dB. None where these are the same.
     """
 
     shutter: AbstractShutter
     motion: AbstractMotion
-    scene: Scene
-    loss: float
-    history: np.ndarray
-    outcome: Outcome
-    certificate: float
-    loss_name: str
-    best_start_loss: float
+    loss: float = math.nan
+    history: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    outcome: Outcome = Outcome.GIVEN
+    certificate: float = math.nan
+    loss_name: str = GIVEN
+    best_start_loss: float = math.nan
     notes: tuple[str, ...] = ()
     straight: "Design | None" = None
-    sequence: Exposures | None = None
-    bursts: tuple[Exposures, ...] = ()
     psnr_ignoring_lag: float | None = None
-    ways: ClassVar = "along one axis"
-    schema: ClassVar = SavedDesign
+
+
+class _OfOne(Generic[Value]):
+    """What a design has of its one exposure, and frames alone have not."""
+
+    def __init__(self, part: Callable[[OneExposure], Value]):
+        self._part = part
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, design: "Design", owner: type) -> Value:
+        requirement = "be asked of one exposure along an axis (frames are in `.sequence`)"
+        got = Unquoted("a design of frames alone")
+        require(design.one is not None, f"Design.{self._name}", requirement, got)
+        return self._part(design.one)  # type: ignore[arg-type]
+
+
+@final
+@dataclass(frozen=True)
+class Design:
+    """Exposures for a scene: one with its shutter, frames to take in its place, or frames alone.
+
+    The attributes of `OneExposure` are those of the design too, which raises a `ValueError` where
+    it has frames alone, as of things that move in any direction.
+
+    Attributes:
+        scene: The scene.
+        sequence: The frames of a burst to take; None where one exposure is as good, or the camera
+            takes none. Without them, by `dataclasses.replace`, the design is of one exposure.
+        one: One exposure along an axis; None of frames alone.
+        bursts: The best bursts of a sensor at rest and of one that moves, where the search has
+            found them; they are not written to a file.
+    """
+
+    scene: Scene
+    sequence: Exposures | None = None
+    one: OneExposure | None = None
+    bursts: tuple[Exposures, ...] = ()
+
+    shutter = _OfOne(lambda one: one.shutter)
+    motion = _OfOne(lambda one: one.motion)
+    loss = _OfOne(lambda one: one.loss)
+    history = _OfOne(lambda one: one.history)
+    outcome = _OfOne(lambda one: one.outcome)
+    certificate = _OfOne(lambda one: one.certificate)
+    loss_name = _OfOne(lambda one: one.loss_name)
+    best_start_loss = _OfOne(lambda one: one.best_start_loss)
+    notes = _OfOne(lambda one: one.notes)
+    straight = _OfOne(lambda one: one.straight)
+    psnr_ignoring_lag = _OfOne(lambda one: one.psnr_ignoring_lag)
+
+    def __post_init__(self) -> None:
+        has_some = self.sequence is not None or self.one is not None
+        require(has_some, "Design(...)", "have a `sequence` or `one` exposure", Unquoted("neither"))
+
+    def with_one(self, **changes: object) -> "Design":
+        """The design with other parts of its one exposure.
+
+        Args:
+            changes: Attributes of `OneExposure`.
+        """
+        return replace(self, one=replace(self.one, **changes))  # type: ignore[type-var]
 
     @property
     def exposures(self) -> Exposures:
@@ -214,14 +198,18 @@ class Design(AbstractDesign):
         return {each: float(level) for each, level in levels.items() if level is not None}
 
     def __repr__(self) -> str:
-        """The camera and its loss in one line, of which nothing has to be computed."""
+        """The camera and its loss, or its frames; nothing has to be computed for it."""
+        if self.one is None:
+            return f"Design({self.sequence!r})"
         return (
             f"Design({self.shutter!r}, {self.motion!r}, loss={shown(self.loss)}, "
             f"converged={self.converged})"
         )
 
     def __str__(self) -> str:
-        """The camera, how good it is, and how it was found."""
+        """The camera, how good it is, and how it was found; or its frames."""
+        if self.one is None:
+            return f"Design\n  frames    {self.exposures.text}\n  scene     {self.scene!r}"
         m, motion = self.metrics, self.motion
         stroke = self.scene.limits.of_stage(motion).stroke
         levels = "; ".join(f"{level:.2f} dB {words}" for words, level in self.levels.items())
@@ -240,56 +228,96 @@ class Design(AbstractDesign):
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
 
+    @property
+    def frames_document(self) -> dict[str, object]:
+        """The frames of its burst as plain numbers, by their name in its file."""
+        if self.sequence is None:
+            return {}
+        name = "plane" if self.sequence.in_plane else "sequence"
+        return {name: frames_to_dict(self.sequence)}
+
     def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
-        level_of, level = next(iter(self.levels.items()))
-        if self.sequence is not None:
+        if self.sequence is None:
+            level_of, level = next(iter(self.levels.items()))
+        else:
             level_of, level = BY_REGISTRATION, self.sequence.psnr
-        parts = {
+        law, absent = self.scene.velocities, {"plane": True, "velocities": True}
+        if law is not None:
+            absent = {"sequence": True, "scene": {"speeds", "weights"}}
+        whole = {
             "level_db": level,
             "level_of": level_of,
             "format": FORMAT,
             "mishutter": package_version(),
-            "shutter": shutter_to_dict(self.command) | module_of(self.command),
-            "motion": motion_to_dict(self.motion),
-            "metrics": metrics_to_dict(self.metrics),
-            "outcome": str(self.outcome),
-            "notes": list(self.notes),
-            "converged": self.converged,
+            **self.frames_document,
+            "scene": self.scene,
+            "velocities": law,
         }
-        parts |= self.frames_document
-        unsaved = ("straight", "bursts")  # they spare a comparison a search
-        own = {name: value for name, value in vars(self).items() if name not in unsaved}
-        saved = SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
+        schema = SavedDesign
+        if self.one is not None:
+            schema = SavedOneExposure
+            whole |= vars(self.one) | {
+                "shutter": shutter_to_dict(self.command) | module_of(self.command),
+                "motion": motion_to_dict(self.motion),
+                "metrics": metrics_to_dict(self.metrics),
+                "outcome": str(self.outcome),
+                "converged": self.converged,
+            }
+            del whole["straight"]  # it spares a comparison a search
+        saved = schema.model_validate(whole, from_attributes=True).model_dump(exclude=absent)
         # Without the numbers of other kinds of motion.
-        whole = {name: parts[name] for name in ("motion", "sequence") if name in parts}
-        return saved | whole
+        return saved | {name: whole[name] for name in ("motion", "sequence") if name in whole}
 
-    @staticmethod
-    def of_file(file: SavedDesign) -> "Design":
-        """The design of a file.
+    def save(self, path: str | Path) -> None:
+        """Write the design to one JSON file, whole or not at all.
 
         Args:
-            file: What the file says.
+            path: The file.
+
+        Raises:
+            ValueError: if the shutter is of a kind that the file format does not know.
+            OSError: if the file cannot be written.
         """
-        motion = _motion(file.motion)
-        scene = file.scene.built(motion=motion)
-        is_end, ends = file.outcome in set(Outcome), "be the end of a search in a sentence"
-        require(is_end, "outcome", ends, file.outcome)
-        return Design(
-            shutter=transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
-            motion=motion,
-            scene=scene,
-            loss=file.loss,
-            history=np.array(file.history),
-            outcome=Outcome(file.outcome),
-            certificate=file.certificate,
-            loss_name=file.loss_name,
-            best_start_loss=file.best_start_loss,
-            notes=tuple(file.notes),
-            sequence=None if file.sequence is None else _sequence(file.sequence, scene),
-            psnr_ignoring_lag=file.psnr_ignoring_lag,
-        )
+        write_text(path, strict_json(self.to_dict()) + "\n")
+
+    @staticmethod
+    def load(path: str | Path) -> "Design":
+        """Read a design; its metrics are evaluated anew.
+
+        Args:
+            path: The file.
+
+        Raises:
+            ValueError: if the file is not a design of this format.
+            OSError: if it cannot be read.
+        """
+        name = str(path)
+        data = parsed(json.loads, contents(path), name, "JSON")
+        is_design = isinstance(data, dict) and "format" in data
+        require(is_design, name, "be a design saved by mishutter", type(data).__name__)
+        require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
+        file = validated(SavedOneExposure if "shutter" in data else SavedDesign, data, name)
+        try:
+            return _of_file(file)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+
+    @staticmethod
+    def load_one(path: str | Path) -> "Design":
+        """Read a design of one exposure along an axis, as `load` does.
+
+        Args:
+            path: The file.
+
+        Raises:
+            ValueError: as `load`, or if the design is of frames alone.
+            OSError: if it cannot be read.
+        """
+        design = Design.load(path)
+        got = Unquoted("a design of frames alone")
+        require(design.one is not None, str(path), "be a design of one exposure", got)
+        return design
 
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.
@@ -308,68 +336,8 @@ class Design(AbstractDesign):
         write_text(path, table_text(columns))
 
 
-@final
-@dataclass(frozen=True)
-class PlaneDesign(AbstractDesign):
-    """Frames of a sensor that moves in the plane, and the scene that they are for.
-
-    Attributes:
-        scene: The scene, of velocities in any direction.
-        sequence: The frames, the path through them, and their level.
-    """
-
-    scene: Scene
-    sequence: Exposures
-    ways: ClassVar = "in the plane"
-    schema: ClassVar = SavedPlaneDesign
-
-    @property
-    def exposures(self) -> Exposures:
-        """The frames, as those of any design."""
-        return self.sequence
-
-    @property
-    def frames(self) -> FramePath:
-        """The frames, and the path of the sensor through them."""
-        return self.sequence.frames  # type: ignore[return-value]
-
-    @property
-    def stage_paths(self) -> tuple[StagePath, ...] | None:
-        """The paths of the stage along rows and columns, as `Exposures.stage_paths` has them."""
-        return (*self.sequence.stage_paths(self.scene).values(),) or None
-
-    def to_dict(self) -> dict[str, object]:
-        """Everything in the design as plain numbers, lists and text."""
-        whole = {
-            "level_db": self.sequence.psnr,
-            "level_of": BY_REGISTRATION,
-            "format": FORMAT,
-            "mishutter": package_version(),
-            **self.frames_document,
-            "scene": self.scene,
-            "velocities": self.scene.velocities,
-        }
-        return SavedPlaneDesign.model_validate(whole, from_attributes=True).model_dump()
-
-    @staticmethod
-    def of_file(file: SavedPlaneDesign) -> "PlaneDesign":
-        """The design of a file.
-
-        Args:
-            file: What the file says.
-        """
-        scene, saved = file.scene.built(velocities=file.velocities.built()), file.plane
-        frames = FramePath(
-            np.array(saved.times_s),
-            np.array(saved.exposures_s),
-            np.array(saved.piece_durations_s),
-            np.array(saved.velocities_px_per_s),
-            saved.lead_s,
-        )
-        taken = scene, saved.kind, frames, saved.psnr_db
-        sequence = exposures_in_plane(*taken, width_loss=saved.width_loss_db)
-        of_stills = saved.registration_loss_db
-        return PlaneDesign(scene, replace(sequence, registration_loss=of_stills))
+PlaneDesign = Design
+"""The former name of a design of frames in the plane."""
 
 
 def given_design(
@@ -386,18 +354,7 @@ def given_design(
         profile = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)
     else:
         profile = transmittance(scene, motion, shutter)
-    return Design(
-        shutter=profile,
-        motion=motion,
-        scene=scene,
-        loss=np.nan,
-        history=np.zeros(0),
-        outcome=Outcome.GIVEN,
-        notes=(origin,),
-        certificate=np.nan,
-        loss_name=GIVEN,
-        best_start_loss=np.nan,
-    )
+    return Design(scene, one=OneExposure(profile, motion, notes=(origin,)))
 
 
 def package_version() -> str:
@@ -457,10 +414,44 @@ def frames_to_dict(burst: Exposures) -> dict[str, object]:
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:
     """Numbers of a scene."""
-    return SAVED_SCENE.model_validate(scene, from_attributes=True).model_dump()
+    return SavedScene.model_validate(scene, from_attributes=True).model_dump()
 
 
-def _sequence(saved: SavedSequence, scene: Scene) -> Exposures:
+def _of_file(file: SavedDesign) -> Design:
+    """The design of a file."""
+    if not isinstance(file, SavedOneExposure):
+        law = None if file.velocities is None else file.velocities.built()
+        scene = file.scene.built(velocities=law)
+        return Design(scene, _frames(file, scene))
+    motion = _motion(file.motion)
+    scene = file.scene.built(motion=motion)
+    is_end, ends = file.outcome in set(Outcome), "be the end of a search in a sentence"
+    require(is_end, "outcome", ends, file.outcome)
+    one = OneExposure(
+        shutter=transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
+        motion=motion,
+        loss=file.loss,
+        history=np.array(file.history),
+        outcome=Outcome(file.outcome),
+        certificate=file.certificate,
+        loss_name=file.loss_name,
+        best_start_loss=file.best_start_loss,
+        notes=tuple(file.notes),
+        psnr_ignoring_lag=file.psnr_ignoring_lag,
+    )
+    return Design(scene, _frames(file, scene), one)
+
+
+def _frames(file: SavedDesign, scene: Scene) -> Exposures | None:
+    """The frames of a file, along an axis or in the plane."""
+    if (plane := file.plane) is not None:
+        durations, velocities = plane.piece_durations_s, plane.velocities_px_per_s
+        numbers = map(np.array, (plane.times_s, plane.exposures_s, durations, velocities))
+        taken = scene, plane.kind, FramePath(*numbers, lead=plane.lead_s), plane.psnr_db
+        found = exposures_in_plane(*taken, width_loss=plane.width_loss_db)
+        return replace(found, registration_loss=plane.registration_loss_db)
+    if (saved := file.sequence) is None:
+        return None
     frames = Exposures(
         saved.kind,
         tuple(TimedFrame(_motion(one.motion), one.time_s, one.position_px) for one in saved.frames),

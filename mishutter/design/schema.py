@@ -12,7 +12,8 @@ from pydantic import (
     model_validator,
 )
 
-from mishutter.model.arguments import Part, arguments_of, table_of
+from mishutter._core.checks import RowLike, Unquoted, require
+from mishutter.model.arguments import Part, arguments_of, made_of, table_of
 from mishutter.model.scene import Scene
 from mishutter.model.velocities import AbstractVelocities
 
@@ -107,43 +108,49 @@ class SavedPlaneBurst(Part):
         return self
 
 
-SAVED_SCENE = arguments_of(Scene, "motion")
-"""The arguments of `Scene`, but for the motion, which has a table of its own."""
+def _scene(
+    *,
+    speeds: RowLike | None,
+    weights: RowLike | None,
+    velocities: AbstractVelocities | None = None,
+    **others: object,
+) -> Scene:
+    """The scene of a file, of its speeds along one axis or of its law in any direction."""
+    if velocities is not None:
+        return Scene.any_direction(velocities, **others)
+    words = "be given, or `velocities` in any direction"
+    require(speeds is not None, "scene.speeds", words, Unquoted("nothing"))
+    return made_of(Scene, {"speeds": speeds, "weights": weights} | others)
 
 
 @final
-class SavedPlaneScene(arguments_of(Scene, "motion", "speeds", "weights")):  # type: ignore[misc]
-    """The arguments of a scene of any direction, whose law of velocities has a table of its own."""
+class SavedScene(arguments_of(Scene, "motion", "speeds", "weights")):  # type: ignore[misc]
+    """The arguments of `Scene`, but for a motion and a law of velocities, which are tables."""
 
-    made: ClassVar = staticmethod(Scene.any_direction)
+    made: ClassVar = staticmethod(_scene)
+    speeds: list[float] | None = None
+    weights: list[float] | None = None
 
 
-class SavedExposures(Part):
-    """The part that files of all designs share; the level stands first, for whoever reads it."""
+class SavedDesign(Part):
+    """Frames for a scene; the level stands first, for whoever reads the file."""
 
     level_db: object = None
     level_of: object = None
     format: int
     mishutter: str = "unknown"
+    sequence: SavedSequence | None = None
+    plane: SavedPlaneBurst | None = None
+    scene: SavedScene
+    velocities: table_of(AbstractVelocities) | None = None  # type: ignore[valid-type]
 
 
 @final
-class SavedPlaneDesign(SavedExposures):
-    """Frames in the plane, and their scene."""
-
-    plane: SavedPlaneBurst
-    scene: SavedPlaneScene
-    velocities: table_of(AbstractVelocities)  # type: ignore[valid-type]
-
-
-@final
-class SavedDesign(SavedExposures):
-    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew."""
+class SavedOneExposure(SavedDesign):
+    """One exposure, beside frames or without; level and metrics are evaluated anew."""
 
     shutter: SavedShutter
     motion: SavedMotion
-    sequence: SavedSequence | None = None
-    scene: SAVED_SCENE  # type: ignore[valid-type]
     loss: Result
     loss_name: str
     best_start_loss: Result

@@ -315,7 +315,7 @@ class Session:
             path = Path(folder) / "design.json"
             path.write_text(order.text, "utf-8", errors="replace")
             try:
-                design = Design.load(path)
+                design = Design.load_one(path)
             except (ValueError, OSError) as error:
                 raise ValueError(str(error).replace(str(path), order.name)) from None
         return self._add_pin(Path(order.name).stem, design)

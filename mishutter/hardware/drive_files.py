@@ -36,7 +36,7 @@ from mishutter._core.checks import (
 )
 from mishutter._core.columns import cells, number_rows, text_lines
 from mishutter._core.files import contents, write_bytes
-from mishutter.design.design import AbstractDesign, package_version
+from mishutter.design.design import Design, package_version
 from mishutter.hardware.stage_files import MAX_STEPS, path_csv
 from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
@@ -107,13 +107,13 @@ STEPS = 256
 """Steps of an exposure in a table whose number of them nobody says."""
 
 
-def first_lights(design: AbstractDesign) -> Lights:
+def first_lights(design: Design) -> Lights:
     """First and last light of each exposure in the row that is read first, as triggers begin it."""
     lead = _lead(design)
     return [(begin - lead, end - lead) for begin, end in design.exposures.lights]
 
 
-def _lead(design: AbstractDesign) -> float:
+def _lead(design: Design) -> float:
     """Time from the first row to the middle one of frames, which triggers begin; s."""
     return 0.0 if design.sequence is None else design.scene.sensor.readout_time / 2
 
@@ -121,7 +121,7 @@ def _lead(design: AbstractDesign) -> float:
 class AbstractTable(ABC):
     """Equal steps of time from the first light of a design's exposures to the last."""
 
-    design: AbstractDesign
+    design: Design
     begin: Float[np.ndarray, "n"]  # Beginning of each step; s
     level: Int[np.ndarray, "n"]  # Level of the shutter in each
     num_levels: int

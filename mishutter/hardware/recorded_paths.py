@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import Unquoted, require, require_finite, require_number
-from mishutter.design.design import AbstractDesign, Kind
+from mishutter.design.design import Design
 from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
 from mishutter.model.motion import FreeMotion
 from mishutter.model.sequences import FramePath, Lights, TimedFrame
@@ -134,24 +134,24 @@ def _unit(columns: TimedColumns, column: str, pitch: float | None, name: str) ->
 
 
 def with_recorded_path(
-    design: Kind, path: RecordedPath, *, middle: float = 0.0, name: str = "path"
-) -> tuple[Kind, PathDifference]:
+    design: Design, path: RecordedPath, *, middle: float = 0.0, name: str = "path"
+) -> tuple[Design, PathDifference]:
     """A design whose sensor was where an encoder recorded its stage, and how far that is off.
 
     Args:
-        design: A `Design` or a `PlaneDesign`. If the camera turns, its pan is added to the path.
+        design: The design. If the camera turns, its pan is added to the path.
         path: The record, over all exposures.
         middle: Mid-exposure, or the middle of the burst, on the clock of the record; s.
         name: The record's name in an error.
 
     Returns:
-        The design, of the same kind, and the difference of the paths.
+        The design, and the difference of the paths.
 
     Raises:
         ValueError: if the record has another number of axes than the stage, does not reach over
             the exposures, or has few samples in one.
     """
-    require(isinstance(design, AbstractDesign), "design", "be a design", design)
+    require(isinstance(design, Design), "design", "be a design", design)
     require_number("with_recorded_path(middle=...)", middle)
     for row in path:
         require_finite(name, row)
@@ -168,9 +168,10 @@ def with_recorded_path(
         velocities = spline.velocities + pan[:, None]
         frames = FramePath(times, exposures, np.diff(spline.knots), velocities)
     as_recorded = replace(taken, frames=frames)
-    is_one = design.sequence is None
-    changed = {"motion": as_recorded.motion} if is_one else {"sequence": as_recorded}
-    recorded = replace(design, **changed)  # type: ignore[type-var]
+    if design.sequence is None:
+        recorded = design.with_one(motion=as_recorded.motion)
+    else:
+        recorded = replace(design, sequence=as_recorded)
     return recorded, spline.difference(taken.lights, planned, pan)
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from mishutter._core.checks import require, require_positive_int
 from mishutter._core.columns import table_text
-from mishutter.design.design import AbstractDesign
+from mishutter.design.design import Design
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import STEPS, AbstractTable, first_lights
 from mishutter.hardware.stage_files import MAX_STEPS
@@ -24,14 +24,14 @@ class FrameTable(AbstractTable):
     Of rows that are exposed one after another it is the light of the first, which a trigger begins.
 
     Attributes:
-        design: The design, which has a `sequence`, or one of frames in the plane.
+        design: The design, which has a `sequence`.
         begin: Beginning of each step; s.
         frame: The frame that is exposed in each step, counted from 1; 0 between frames, where the
             gate is closed for at least one step: a camera that is exposed for as long as its
             trigger is high would take frames that touch for one.
     """
 
-    design: AbstractDesign
+    design: Design
     begin: Float[np.ndarray, "n"]
     frame: Int[np.ndarray, "n"]
 
@@ -117,11 +117,11 @@ class FrameTable(AbstractTable):
         }
 
 
-def frame_table(design: AbstractDesign, *, num_steps: int | None = None) -> FrameTable:
+def frame_table(design: Design, *, num_steps: int | None = None) -> FrameTable:
     """The triggers of a burst's frames, and its stage, in equal steps.
 
     Args:
-        design: The design, which has a `sequence`, or one of frames in the plane.
+        design: The design, which has a `sequence`.
         num_steps: Steps from the first light to the last, at most 100,000; by default 256 for each
             frame. Triggers are rounded to them, and frames that touch end a step early;
             `FrameTable.frames_csv` has them exactly.
@@ -131,8 +131,8 @@ def frame_table(design: AbstractDesign, *, num_steps: int | None = None) -> Fram
             frame without a step.
     """
     subject = "frame_table(design=...)"
-    is_design = isinstance(design, AbstractDesign)
-    require(is_design, subject, "be a `Design`, or a `PlaneDesign`", design)
+    is_design = isinstance(design, Design)
+    require(is_design, subject, "be a `Design`", design)
     require(design.sequence is not None, subject, "hold the frames of a burst", design.sequence)
     lights = first_lights(design)
     count = STEPS * len(lights) if num_steps is None else num_steps

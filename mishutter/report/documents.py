@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from mishutter._core.files import FORMER, ONE_EXPOSURE, RECOMMENDED, strict_json, write_text
 from mishutter.decoding.restoration import RestoredPhotograph
-from mishutter.design.design import AbstractDesign, Design, PlaneDesign
+from mishutter.design.design import Design
 from mishutter.model.scene import Scene
 from mishutter.report import plots
 from mishutter.report.comparison import Comparison
@@ -100,11 +100,11 @@ class Report:
         return replace(self.design, sequence=None)
 
     @property
-    def recommended(self) -> AbstractDesign | None:
+    def recommended(self) -> Design | None:
         """The best option as a design; None without a search, and where nothing is recommended."""
         choice = self.comparison.choice
         if choice is not None and choice.is_in_plane:
-            return PlaneDesign(self.scene, choice.exposures)
+            return Design(self.scene, choice.exposures)
         if self.design is None or choice is None:
             return None
         if choice.sequence is not None:

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from mishutter._core.checks import require, three_digits
 from mishutter._core.files import write_bytes
 from mishutter.decoding.restoration import RestoredPhotograph
-from mishutter.design.design import AbstractDesign, Design
+from mishutter.design.design import Design
 from mishutter.evaluation.errors import spectral_levels
 from mishutter.evaluation.response import kernel_phase, kernels_at_speeds
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
@@ -185,7 +185,7 @@ def _ears(transmittance: Float[np.ndarray, "times"]) -> list[int]:
     return rising
 
 
-def plot_design(design: AbstractDesign) -> "Figure":
+def plot_design(design: Design) -> "Figure":
     """Draws a design in time: the transmittance of its shutter and the path of its sensor.
 
     Where frames of a burst are better, or are in the plane, these are drawn, with the path of the
@@ -197,7 +197,7 @@ def plot_design(design: AbstractDesign) -> "Figure":
     burst = design.exposures
     if burst.in_plane and burst.moves:
         return _plot_plane(design.scene, burst)
-    if not isinstance(design, Design) or design.sequence is not None:
+    if design.sequence is not None:
         return plot_frames(frame_table(design))
     motion = design.motion
     figure, (top, bottom) = _new(2, height=2.4, share=True)
@@ -430,9 +430,9 @@ def motion_text(motion: AbstractMotion) -> str:
     return f"{exposure}, sag {sag:.3g} px beside a pan of {pan:.4g} px/s"
 
 
-def camera_text(design: AbstractDesign) -> str:
+def camera_text(design: Design) -> str:
     """The exposure of a design with its motion, or the frames of its burst, in words."""
-    if isinstance(design, Design) and design.sequence is None:
+    if design.sequence is None:
         return motion_text(design.motion)
     return f"{design.exposures.setting}, {design.exposures.kind}"
 

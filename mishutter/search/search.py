@@ -14,7 +14,7 @@ from mishutter._core.checks import require, require_known, require_positive_int,
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
 from mishutter._core.progress import reports
-from mishutter.design.design import Design, Outcome
+from mishutter.design.design import Design, OneExposure, Outcome
 from mishutter.evaluation.losses import AbstractLoss, LossFunction, as_loss, value_of
 from mishutter.evaluation.metrics import evaluate
 from mishutter.evaluation.needs import Plan
@@ -270,14 +270,14 @@ def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
         return design
     scene, motion, command = design.scene, design.motion, design.command
     if design.straight is not None:
-        design = replace(design, straight=_without_needless_device(design.straight, loss))
+        design = design.with_one(straight=_without_needless_device(design.straight, loss))
     if design.shutter is command or not stays_open(command):
         return design
     value, notes = float(value_of(loss, scene, motion, command)), design.notes
     if beyond_limits(scene, motion, command) and _OUTSIDE not in notes:
         notes = (*notes, _OUTSIDE)
     history = np.append(design.history, value)
-    return replace(design, shutter=command, loss=value, history=history, notes=notes)
+    return design.with_one(shutter=command, loss=value, history=history, notes=notes)
 
 
 def _optimised(start: Start, settings: SearchSettings) -> Design:
@@ -294,9 +294,9 @@ def _optimised(start: Start, settings: SearchSettings) -> Design:
     # The design without acceleration needs no stage, and is better among equals.
     if straight.loss <= best.loss * (1 + _SAME):
         note = "Acceleration does not pay: at constant velocity the loss is no larger."
-        best = replace(straight, notes=(*straight.notes, note))
-    best = replace(best, history=history, best_start_loss=start_loss)
-    return replace(best, straight=straight) if {"shutter", "half_exposure"} <= {*names} else best
+        best = straight.with_one(notes=(*straight.notes, note))
+    best = best.with_one(history=history, best_start_loss=start_loss)
+    return best.with_one(straight=straight) if {"shutter", "half_exposure"} <= {*names} else best
 
 
 def _through_device(start: Start, settings: SearchSettings) -> Design:
@@ -317,7 +317,7 @@ def _through_device(start: Start, settings: SearchSettings) -> Design:
         best = _of_levels(scene, (best, blind), start.free, settings)
     profile = transmittance(scene, blind.motion, blind.command)
     psnr_ignoring_lag = float(evaluate(scene, blind.motion, profile).expected_psnr)
-    return replace(best, scene=scene, psnr_ignoring_lag=psnr_ignoring_lag)
+    return replace(best, scene=scene).with_one(psnr_ignoring_lag=psnr_ignoring_lag)
 
 
 def _of_levels(
@@ -360,7 +360,7 @@ def _of_levels(
         if not (worthwhile and names):
             break
     note = "No other level of one slot, or of two near one another, lowers the loss."
-    return replace(best, outcome=start.outcome, notes=(*start.notes, note))
+    return best.with_one(outcome=start.outcome, notes=(*start.notes, note))
 
 
 def _sent(
@@ -375,15 +375,8 @@ def _sent(
     profile = device.behind(command, motion.half_exposure, np.dtype(scene.speeds.dtype))
     value = float(loss(scene, motion, profile))
     history = np.append(design.history, value)
-    return replace(
-        design,
-        shutter=profile,
-        motion=motion,
-        scene=scene,
-        loss=value,
-        history=history,
-        straight=None,
-    )
+    sent = replace(design, scene=scene)
+    return sent.with_one(shutter=profile, motion=motion, loss=value, history=history, straight=None)
 
 
 def with_device(scene: Scene, device: AbstractDevice | None) -> Scene:
@@ -450,7 +443,7 @@ def _searched(start: Start, settings: SearchSettings) -> list[Design]:
             motion = motion.panned(frame.velocity)
         is_outside = beyond_limits(start.scene, motion, design.shutter)
         notes = (_OUTSIDE,) if is_outside else ()
-        designs.append(replace(design, scene=start.scene, motion=motion, notes=notes))
+        designs.append(replace(design, scene=start.scene).with_one(motion=motion, notes=notes))
     return designs
 
 
@@ -483,10 +476,9 @@ def _best_of_space(
     if plan.num_effective_speeds:  # one design can afford more of them than all that are tried
         value = float(value_of(settings.loss, scene, motion, shutter))
     outcome = Outcome.STEPS_USED if end.num_steps >= max_steps else Outcome.STALLED
-    return Design(
+    one = OneExposure(
         shutter=shutter,
         motion=motion,
-        scene=scene,
         loss=value,
         history=history.losses,
         outcome=Outcome.CONVERGED if is_minimum(certificate, value) else outcome,
@@ -494,6 +486,7 @@ def _best_of_space(
         loss_name=repr(settings.loss),
         best_start_loss=float(losses[lowest]),
     )
+    return Design(scene, one=one)
 
 
 class _History:

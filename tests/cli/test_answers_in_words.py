@@ -186,9 +186,9 @@ def test_files_of_a_camera_stand_for_its_parts(tmp_path, capsys):
     assert "trace.csv: it falls where the shutter opens" in capsys.readouterr().err
     assert float(alone.motion.acceleration) == float(MOTION.acceleration)
     a_plane_design().save(tmp_path / "plane.json")
-    with pytest.raises(ValueError, match="--drive` must be left out for a design in the plane"):
+    with pytest.raises(ValueError, match="--drive` must be left out for a design of frames"):
         cameras(None, tmp_path / "plane.json", CameraFiles(drive=tmp_path / "drive.npy"))
-    with pytest.raises(ValueError, match="--measured` must be left out for a design in the plane"):
+    with pytest.raises(ValueError, match="--measured` must be left out for a design of frames"):
         cameras(None, tmp_path / "plane.json", CameraFiles(measured=tmp_path / "trace.csv"))
     assert list(cameras(None, tmp_path / "plane.json", CameraFiles()).designs) == ["as designed"]
     assert len(table().splitlines()) == STEPS + 2
@@ -196,9 +196,9 @@ def test_files_of_a_camera_stand_for_its_parts(tmp_path, capsys):
 
 def test_why_a_design_has_no_path_is_said():
     """Of a stage at rest, also below a camera that pans, and of one that pans without a limit."""
-    still = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
+    still = a_design(HannShutter(), motion=StillCamera(half_exposure=0.01))
     assert export._without_path(still) == "the stage stays at rest"
-    panning = replace(still, motion=LinearMotion(half_exposure=0.01, velocity=-312.5))
+    panning = still.with_one(motion=LinearMotion(half_exposure=0.01, velocity=-312.5))
     assert "the stage pans at -312.5 px/s, and no limit" in export._without_path(panning)
     scene = Scene([-300.0], photon_rate=1e5, read_noise=3.0, limits=Limits(pans="camera"))
     words = export._without_path(replace(panning, scene=scene))
@@ -316,7 +316,7 @@ def test_the_whole_table_says_how_the_search_ended(capsys):
             "Stage at most 600000 px/s^2, v = 0 px/s, open for 16 ms.",
         ),
     ):
-        design = replace(a_design(HannShutter()), motion=motion)
+        design = a_design(HannShutter(), motion=motion)
         table = SimpleNamespace(
             title="Rows", columns=["name", "dB"], rows=[["a", "1"]], notes=["n"]
         )

@@ -190,7 +190,7 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
 
 def test_export_prints_the_level_of_the_designs_decoder(folder, tmp_path, capsys):
     """One that knows the speed is not judged by one filter for all."""
-    design = replace(Design.load(folder / "design.json"), loss_name="KnownSpeedLoss()")
+    design = Design.load(folder / "design.json").with_one(loss_name="KnownSpeedLoss()")
     design.save(tmp_path / "design.json")
     given = ["export", str(tmp_path / "design.json"), "--out", str(tmp_path)]
     assert cli.main(given) == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.bursts import a_burst_design
 from support.command_line import SMALL_SCENE, messages, refused
-from support.plane import a_plane_design
+from support.plane import a_plane_design, stage_paths
 
 import mishutter as ms
 from mishutter import cli
@@ -127,7 +127,7 @@ def test_mistakes_get_a_line(desk, capsys):
     line = refused(capsys, "simulate", *camera, "--subject", "photo.png", "--speed", "1500")
     assert "`--speed` must be a velocity along rows and columns, as 1500,-800" in line
     line = refused(capsys, "simulate", *camera, "--drive", "drive.csv")
-    assert "`--drive` must be left out for a design in the plane" in line
+    assert "`--drive` must be left out for a design of frames alone" in line
     line = refused(capsys, "restore", "photo.png", "photo.png", *camera)
     assert "`CAPTURE` must" in line
     write_picture("other.png", ms.example_picture().light[:128, :120])
@@ -136,7 +136,7 @@ def test_mistakes_get_a_line(desk, capsys):
     line = refused(capsys, "simulate", "--speed", "210,-160")
     assert "`--speed` must be a number of px/s" in line
     line = refused(capsys, "compare", *camera)
-    assert "must be a design along one axis" in line
+    assert "must be a design of one exposure" in line
 
 
 @pytest.mark.slow
@@ -204,10 +204,10 @@ def test_a_velocity_beyond_the_scene_is_a_warning(desk, capsys):
 @pytest.mark.slow
 def test_frames_are_restored_by_the_recorded_path(desk, capsys):
     """Where the stage strayed, its record restores better than the plan; one axis is refused."""
-    design = ms.PlaneDesign.load("design.json")
+    design = ms.Design.load("design.json")
     time = np.linspace(-0.02, 0.02, 800)
     stray = 1.5 * np.sin(2 * np.pi * 45 * time + np.array([[0.3], [1.9]]))
-    place = np.array([path.at(time)[0] for path in design.stage_paths]) + stray
+    place = np.array([path.at(time)[0] for path in stage_paths(design)]) + stray
     built, _ = ms.with_recorded_path(design, ms.RecordedPath(time, place))
     lines = [f"{1e3 * t:.6f},{x:.6f},{y:.6f}" for t, x, y in zip(time, *place, strict=True)]
     (desk / "encoder.csv").write_text("\n".join(["t (ms),x (px),y (px)", *lines]), "utf-8")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mishutter import FreeMotion, PlaneFrames, Scene, Sensor, TimedFrame
-from mishutter.camera.responses import frequencies_along
+from mishutter.camera.responses import frequencies_on
 from mishutter.camera.rows import counted_in
 from mishutter.decoding.frame_likelihood import Own, Prior, slope_at
 from mishutter.decoding.rolling import RowTimes
@@ -58,10 +58,10 @@ def pixels_of(level, velocity):
     lines = [m + np.arange(n) for m, n in zip(canvas.margin, canvas.sensor, strict=True)]
     turns = [
         np.exp(2j * np.pi * np.outer(line, np.ravel(f)))
-        for line, f in zip(lines[::-1], frequencies_along(canvas.shape), strict=True)
+        for line, f in zip(lines, frequencies_on(canvas.shape), strict=True)
     ]
     if len(turns) == 2:
-        return np.einsum("krdf,rd,cf->krcdf", every, turns[1], turns[0])[None]
+        return np.einsum("krdf,rd,cf->krcdf", every, turns[0], turns[1])[None]
     if paths.is_along:
         own = every * turns[0][:, None]
         return np.stack([np.swapaxes(own, 1, 2)] * canvas.frames.shape[1])

@@ -9,7 +9,6 @@ import pytest
 from support.plane import frames_of
 
 from mishutter import (
-    Design,
     EnsembleDecoder,
     Exposures,
     FreeMotion,
@@ -34,7 +33,7 @@ from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import _together, complete, noises_of
 from mishutter.decoding.rolling import RowTimes, _on_grid
 from mishutter.decoding.simulation import capture_and_restore, photograph_by_frames
-from mishutter.design.design import Outcome
+from mishutter.design.design import given_design
 from mishutter.model.exposures import path_for_rows
 from mishutter.model.sequences import SINE, frames_in
 
@@ -59,8 +58,7 @@ def alternating():
 
 def design_of(scene, motion):
     """A camera with an open shutter, as far as `restore` asks."""
-    ended = {"loss": 1.0, "history": np.ones(1), "outcome": Outcome.CONVERGED, "certificate": 0.0}
-    return Design(RectShutter(), motion, scene, **ended, loss_name="mse", best_start_loss=1.0)
+    return given_design(scene, motion, RectShutter(), "Given.")
 
 
 def gaussian_captures(readout, rows=32, columns=1024):

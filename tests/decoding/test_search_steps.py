@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mishutter import PlaneFrames, Scene, Sensor, StillCamera, TimedFrame
-from mishutter.camera.responses import frequencies_along
+from mishutter.camera.responses import frequencies_on
 from mishutter.decoding import frame_velocity
 from mishutter.decoding.frame_doubts import Evidence, Rival, Words, doubt_of_rows, odd_frame
 from mishutter.decoding.frame_likelihood import ROUGHLY, Own, Prior, climbed
@@ -481,9 +481,9 @@ def test_tiles_are_eight_along_each_axis():
     np.testing.assert_allclose(_in_tiles(values), np.stack(rows, axis=1).reshape(2, -1))
 
 
-def test_frequencies_are_those_along_the_rows_first():
+def test_frequencies_are_those_down_the_columns_first():
     """Of half of a DFT of unlike sides."""
-    across, down = frequencies_along((6, 10))
+    down, across = frequencies_on((6, 10))
     np.testing.assert_allclose(across[0], np.fft.rfftfreq(10))
     np.testing.assert_allclose(down[:, 0], np.fft.fftfreq(6))
 

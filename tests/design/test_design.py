@@ -26,6 +26,7 @@ from mishutter import (
     Limits,
     LinearMotion,
     Occlusion,
+    OneExposure,
     ParabolicMotion,
     RectShutter,
     Scene,
@@ -59,10 +60,9 @@ SHUTTERS = {
 @pytest.fixture(scope="module")
 def design():
     shutter = SHUTTERS["spline"]
-    return Design(
+    one = OneExposure(
         shutter=shutter,
         motion=MOTION,
-        scene=SCENE,
         loss=0.25,
         history=np.array([0.5, 0.25]),
         outcome=Outcome.CONVERGED,
@@ -70,6 +70,7 @@ def design():
         loss_name="ExpectedErrorLoss()",
         best_start_loss=0.5,
     )
+    return Design(SCENE, one=one)
 
 
 DEVICES = {
@@ -82,7 +83,7 @@ DEVICES = {
 
 def test_a_design_is_printed_on_a_screen(design):
     """The camera, its levels and its search, each in a line; in a list it is one line."""
-    whole = replace(design, history=np.linspace(0.5, 0.25, 300))
+    whole = design.with_one(history=np.linspace(0.5, 0.25, 300))
     lines = str(whole).splitlines()
     assert [line.split()[0] for line in lines[1:]] == (
         "expected shutter motion kernel loss search scene".split()
@@ -106,7 +107,7 @@ def test_the_stroke_in_print_is_that_of_the_stage(design, pans):
     limits = Limits(max_stroke=90.0, pans=pans)
     scene = eqx.tree_at(lambda s: s.limits, SCENE, limits)
     motion = ParabolicMotion(acceleration=2.1e5, half_exposure=0.0097, velocity=-2900.0)
-    text = str(replace(design, motion=motion, scene=scene))
+    text = str(replace(design, scene=scene).with_one(motion=motion))
     time = np.linspace(-0.0097, 0.0097, 100_001)
     position = np.asarray(motion.position(time)) + 2900.0 * time * (pans == "camera")
     assert f", stroke {np.ptp(position):.4g} px" in text
@@ -142,7 +143,7 @@ def test_a_saved_design_has_the_parts_of_its_scene(design, device, tmp_path):
     parts["sensor"] = Sensor(full_well=4e4)
     scene = replace(SCENE, **parts)
     light = scene.light(design.shutter, MOTION)
-    replace(design, scene=scene, shutter=light).save(tmp_path / "design.json")
+    replace(design, scene=scene).with_one(shutter=light).save(tmp_path / "design.json")
     read = Design.load(tmp_path / "design.json")
     for name, part in parts.items():
         assert eqx.tree_equal(getattr(read.scene, name), part), name
@@ -179,7 +180,7 @@ def test_a_saved_design_gives_back_its_metrics(design, tmp_path):
 def test_an_infinite_condition_number_is_strict_json(design, tmp_path):
     """JSON has no token for infinity: a closed shutter's design still reads anywhere."""
     closed = ChippedShutter([0.0, 0.0])
-    replace(design, shutter=closed).save(tmp_path / "design.json")
+    design.with_one(shutter=closed).save(tmp_path / "design.json")
 
     def refuse(token):
         raise AssertionError(token)
@@ -291,7 +292,7 @@ def test_every_shutter_on_every_motion_is_loaded(design, tmp_path, slug, motion)
 
 def test_numbers_that_json_has_no_token_for_come_back(design, tmp_path):
     """An infinite loss, and one that is none."""
-    other, path = replace(design, best_start_loss=np.inf, certificate=np.nan), tmp_path / "a.json"
+    other, path = design.with_one(best_start_loss=np.inf, certificate=np.nan), tmp_path / "a.json"
     other.save(path)
     loaded = Design.load(path)
     assert np.isposinf(loaded.best_start_loss)
@@ -363,7 +364,7 @@ def test_the_level_that_was_optimised_comes_first(slug, tmp_path):
     loss, others, metric, words = LEVELS[slug]
     scene = Scene([-900.0, 310.0, 900.0], photon_rate=4e4, read_noise=5.0, limits=LIMITS, **others)
     motion = ParabolicMotion(acceleration=6e4, half_exposure=0.011)
-    design = replace(given_design(scene, motion, HannShutter(), ""), loss_name=repr(loss))
+    design = given_design(scene, motion, HannShutter(), "").with_one(loss_name=repr(loss))
     level = float(getattr(design.metrics, metric))
     assert str(design).splitlines()[1].split(None, 1)[1].startswith(f"{level:.2f} dB {words}")
     design.save(tmp_path / "design.json")
@@ -376,7 +377,7 @@ def test_the_end_of_a_search_comes_back_and_is_compared(design, tmp_path):
     """With its notes; a file that ends otherwise is refused by what it says."""
     path = tmp_path / "design.json"
     for outcome in Outcome:
-        replace(design, outcome=outcome, notes=("It was windy.", "Nobody came.")).save(path)
+        design.with_one(outcome=outcome, notes=("It was windy.", "Nobody came.")).save(path)
         read = Design.load(path)
         assert read.outcome is outcome
         assert read.converged == (outcome is Outcome.CONVERGED)

@@ -26,7 +26,7 @@ def before(half, velocity, share=0.6, scene=SCENE):
     motion = ParabolicMotion(
         acceleration=share * float(most), half_exposure=half, velocity=velocity
     )
-    return replace(a_design(HannShutter()), scene=scene, motion=motion)
+    return a_design(HannShutter(), scene=scene, motion=motion)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from support.plane import a_plane_design
 
-from mishutter import Exposures, PlaneDesign, PlaneFrames, PlaneSearch
+from mishutter import Design, Exposures, PlaneFrames, PlaneSearch
 from mishutter.explore.session import (
     Beginning,
     Order,
@@ -82,7 +82,7 @@ def test_its_design_and_its_program_are_of_the_plane(found, tmp_path):
     text = session.answer(Order(kind="save_design", scene=TABLES))["text"]
     assert json.loads(text)["plane"]["kind"] == "two sines"
     (tmp_path / "design.json").write_text(text, encoding="utf-8")
-    assert PlaneDesign.load(tmp_path / "design.json").scene.velocities.fastest == 1700
+    assert Design.load(tmp_path / "design.json").scene.velocities.fastest == 1700
     recipe = session.answer(Order(kind="recipe", scene=TABLES))
     assert "best_in_plane(scene)" in recipe["python"]
     assert "any_direction" in recipe["command"]

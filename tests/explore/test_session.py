@@ -5,7 +5,6 @@ import io
 import json
 import re
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,7 +115,7 @@ def test_the_first_answer_is_a_design_for_the_new_scene(started):
 def test_first_answers_are_within_what_the_stage_reaches(started):
     """Also where its travel and its acceleration end sooner than stroke and top speed."""
     motion = ParabolicMotion(acceleration=3.6e4, half_exposure=0.013)
-    before = replace(started.design, motion=motion)
+    before = started.design.with_one(motion=motion)
     tables = TABLES | {"limits": TABLES["limits"] | {"max_travel_px": 4.5}}
     scene = sessions.built(tables | {"light": {"photon_rate_per_s": 1.9e5}}, {})
     for turn in (0, 1):
@@ -132,7 +131,7 @@ def test_a_first_answer_leaves_room_for_the_pan():
     pan = {"half_exposure": 6e-3, "velocity": 1800.0}
     most = float(limits.largest_acceleration(np.asarray(6e-3), np.asarray(1800.0)))
     motion = ParabolicMotion(acceleration=most, **pan)
-    before = replace(a_design(SplineShutter([0.3, 0.8, 1.0, 0.6])), scene=scene, motion=motion)
+    before = a_design(SplineShutter([0.3, 0.8, 1.0, 0.6]), scene=scene, motion=motion)
     for turn in (0, 1):
         answer = first_answer(scene, before, turn)
         half, velocity = answer.motion.half_exposure, answer.motion.velocity

@@ -77,7 +77,7 @@ STAGED = {
 def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(motion, most):
     """Its rows are at the table's steps too, its slopes its velocities, its bends the limit's."""
     scene = _scene(limits=Limits(max_acceleration=most))
-    table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene), num_steps=50)
+    table = drive_table(a_design(HannShutter(), motion=motion, scene=scene), num_steps=50)
     names, units, *rows = csv.reader(io.StringIO(table.stage_csv()))
     assert names == ["time", "part", "sensor_position", "sensor_velocity"]
     assert units == ["ms", "", "px", "px/s"]
@@ -108,9 +108,7 @@ def test_a_stage_is_sent_what_brings_it_onto_the_path(name, tmp_path):
     """
     motion = STAGED[name]
     stage = SecondOrderStage(bandwidth=45.0, damping=0.6)
-    design = replace(
-        a_design(HannShutter()), motion=motion, scene=_scene(limits=Limits(stage=stage))
-    )
+    design = a_design(HannShutter(), motion=motion, scene=_scene(limits=Limits(stage=stage)))
     design.save(tmp_path / "design.json")
     table = drive_table(Design.load(tmp_path / "design.json"), num_steps=64)
     names, units, *rows = csv.reader(io.StringIO(table.stage_csv()))
@@ -137,7 +135,7 @@ def test_a_camera_turns_beside_a_stage_that_is_sent_the_path_itself():
     for motion, seen, pans in (of_camera, (MOTION, np.array(speeds) - pan, "stage")):
         limits = Limits(stage=stage, pans=pans)
         scene = Scene(seen, photon_rate=1e5, read_noise=4.0, limits=limits)
-        table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene))
+        table = drive_table(a_design(HannShutter(), motion=motion, scene=scene))
         levels.append(float(table.blind_metrics().expected_psnr))
     assert levels[0] == pytest.approx(levels[1], abs=1e-6)
 
@@ -145,7 +143,7 @@ def test_a_camera_turns_beside_a_stage_that_is_sent_the_path_itself():
 def test_a_document_gives_the_settling_time_in_ms():
     """A thousandth remains after ln(1000) time constants of the slower step."""
     device = FirstOrderDevice(rise_time=2e-4, fall_time=3.1e-4, delay=7e-5)
-    table = drive_table(replace(a_design(HannShutter()), scene=_scene(device=device)), num_steps=9)
+    table = drive_table(a_design(HannShutter(), scene=_scene(device=device)), num_steps=9)
     found = table.to_dict()["settling_time_ms"]
     assert found == pytest.approx(0.07 + 0.31 * np.log(1000) / np.log(9), rel=1e-6)
 
@@ -155,7 +153,7 @@ def test_a_stage_beside_a_shutter_of_few_slots_is_sent_enough_to_stay_on_its_pat
     """An oscillator that is sent the rows, joined by straight lines, is within 0.1 px of 15."""
     stage = SecondOrderStage(bandwidth=60.0, damping=0.5)
     scene = _scene(limits=Limits(stage=stage), device=SwitchedDevice(num_slots=12))
-    table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene))
+    table = drive_table(a_design(HannShutter(), motion=motion, scene=scene))
     assert table.begin.size == 12
     _, _, *rows = csv.reader(io.StringIO(table.stage_csv()))
     time, position, sent = (np.array([float(row[i]) for row in rows]) for i in (0, 2, 4))
@@ -171,7 +169,7 @@ def test_a_stage_beside_a_shutter_of_few_slots_is_sent_enough_to_stay_on_its_pat
 def test_a_path_beyond_the_limit_on_travel_is_told_of(most, tmp_path, capsys):
     """Without a limit on the acceleration a search counts no run-up, and the table has one."""
     limits = Limits(max_travel=31.0, max_acceleration=most)
-    design = replace(a_design(HannShutter()), motion=MOTION, scene=_scene(limits=limits))
+    design = a_design(HannShutter(), motion=MOTION, scene=_scene(limits=limits))
     travel = limits.stage_path(MOTION).travel
     assert (travel > 31.0) == (most is None)
     design.save(tmp_path / "design.json")
@@ -183,16 +181,16 @@ def test_a_path_beyond_the_limit_on_travel_is_told_of(most, tmp_path, capsys):
 
 def test_a_stage_whose_response_is_not_known_is_sent_the_path():
     """There is no column for it, and no figure."""
-    table = drive_table(replace(a_design(HannShutter()), scene=_scene()), num_steps=5)
+    table = drive_table(a_design(HannShutter(), scene=_scene()), num_steps=5)
     assert table.blind_metrics() is None
     assert "metrics_of_blind_stage" not in table.to_dict()
 
 
 def test_a_sensor_without_acceleration_has_no_run_up():
     """At rest there is no path, and a pan's has the acceleration that the stage is given."""
-    resting = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
+    resting = a_design(HannShutter(), motion=StillCamera(half_exposure=0.01))
     assert drive_table(resting, num_steps=5).stage_csv() is None
-    panning = replace(resting, motion=LinearMotion(half_exposure=0.01, velocity=300.0))
+    panning = resting.with_one(motion=LinearMotion(half_exposure=0.01, velocity=300.0))
     assert drive_table(panning, num_steps=5).stage_csv() is None
     limited = replace(panning, scene=_scene(limits=Limits(max_acceleration=1e5)))
     path = drive_table(limited, num_steps=50).stage_csv()
@@ -203,7 +201,7 @@ def test_a_sensor_without_acceleration_has_no_run_up():
 def test_a_table_has_the_steps_and_levels_of_its_device():
     """Unless others are asked for."""
     scene = _scene(device=SwitchedDevice(num_slots=48))
-    design = replace(a_design(HannShutter()), scene=scene)
+    design = a_design(HannShutter(), scene=scene)
     table = drive_table(design)
     assert (table.begin.size, table.num_levels) == (48, 2)
     table = drive_table(design, num_steps=7, num_levels=5)
@@ -232,7 +230,7 @@ def test_a_shutter_needs_no_drive_only_if_it_never_closes():
 def test_the_scale_of_positions_is_the_furthest_either_way(velocity):
     """A stage that begins below its middle is furthest there."""
     motion = ParabolicMotion(acceleration=900.0, half_exposure=7e-3, velocity=velocity)
-    table = drive_table(replace(a_design(HannShutter()), motion=motion), num_steps=9)
+    table = drive_table(a_design(HannShutter(), motion=motion), num_steps=9)
     time = 7e-3 * (np.arange(9) / 4.5 - 1)
     furthest = np.max(np.abs(900 * time**2 + velocity * time))
     assert table.position_scale == pytest.approx(furthest, rel=1e-6)
@@ -274,7 +272,7 @@ def test_the_sensor_of_a_table_pans():
     half = float(MOTION.half_exposure)
     time = half * (np.arange(8) / 4 - 1)
     for motion in (MOTION.panned(-713.0), LinearMotion(half_exposure=half, velocity=-713.0)):
-        table = drive_table(replace(a_design(HannShutter()), motion=motion), num_steps=8)
+        table = drive_table(a_design(HannShutter(), motion=motion), num_steps=8)
         a = float(motion.acceleration)
         position, velocity = -713.0 * time + a * time**2, -713.0 + 2 * a * time
         document = table.to_dict()

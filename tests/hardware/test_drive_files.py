@@ -54,7 +54,7 @@ DRIVES_OF = {
 
 
 def a_table(**options):
-    design = replace(a_design(SplineShutter([0.2, 0.7, 0.9, 1.0, 0.4])), motion=PANNING)
+    design = a_design(SplineShutter([0.2, 0.7, 0.9, 1.0, 0.4]), motion=PANNING)
     return drive_table(design, num_steps=37, **options)
 
 
@@ -158,7 +158,7 @@ def test_a_siglent_file_is_as_others_write_it(tmp_path):
 
 def test_a_rigol_file_is_what_its_maker_describes(tmp_path):
     """Two bytes a point, low byte first, from 0x0000, the low level, to 0x3FFF, the high one."""
-    chips = replace(a_design(ChippedShutter([0.0, 1.0, 0.25])), motion=MOTION)
+    chips = a_design(ChippedShutter([0.0, 1.0, 0.25]), motion=MOTION)
     drive_table(chips, num_steps=3).save(tmp_path / "table.RAF", form="rigol")
     word = round(64 / 255 * 0x3FFF)
     expected = bytes([0x00, 0x00, 0xFF, 0x3F, word & 0xFF, word >> 8])
@@ -269,7 +269,7 @@ def test_a_table_beside_a_camera_that_turns_is_of_the_stage_alone(tmp_path):
     """Its places have no pan, in the table and its file; what is read back has the camera's."""
     limits = Limits(max_half_exposure=0.02, max_acceleration=2e6, pans="camera")
     scene = Scene([-300.0, 900.0], photon_rate=1e5, read_noise=10.0, limits=limits)
-    design = replace(a_design(ChippedShutter([0.2, 1.0])), motion=PANNING, scene=scene)
+    design = a_design(ChippedShutter([0.2, 1.0]), motion=PANNING, scene=scene)
     table = drive_table(design, num_steps=30)
     time = HALF * (np.arange(30) / 15 - 1)
     a = float(MOTION.acceleration)

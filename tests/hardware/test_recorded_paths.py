@@ -9,7 +9,7 @@ import pytest
 import tifffile
 from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
-from support.plane import a_plane_design
+from support.plane import a_plane_design, stage_paths
 
 import mishutter as ms
 from mishutter import cli
@@ -37,15 +37,15 @@ def recorded(paths, count=900, noise=0.0, bend=0.0):
 def test_frames_in_the_plane_are_where_the_encoder_was():
     """Within a thousandth of a pixel, at any time; level and difference follow."""
     design = a_plane_design()
-    path = recorded(design.stage_paths, bend=0.4)
+    path = recorded(stage_paths(design), bend=0.4)
     built, apart = with_recorded_path(design, path, middle=CLOCK)
     begin, end = design.exposures.lights[0][0], design.exposures.lights[-1][1]
     time = np.linspace(begin, end, 61)[1:-1]
     wanted = [np.interp(time, path.time - CLOCK, row) for row in path.place]
-    own = np.asarray(built.frames.place(time))
+    own = np.asarray(built.sequence.frames.place(time))
     for row, place in zip(own, wanted, strict=True):
         np.testing.assert_allclose(row - row[7], place - place[7], atol=1e-3)
-    np.testing.assert_array_equal(built.frames.times, design.frames.times)
+    np.testing.assert_array_equal(built.sequence.frames.times, design.sequence.frames.times)
     assert built.sequence.kind == design.sequence.kind
     assert apart.doubt == ""
     bend = 0.4 * np.sin(2 * np.pi * 40 * time + np.arange(2)[:, None])
@@ -61,22 +61,22 @@ def test_a_camera_that_turns_pans_along_both_axes():
     design = a_plane_design(law, limits)
     pan = np.array(design.sequence.pan)
     assert pan[0] > -2 * pan[1] > 0
-    path = recorded(design.stage_paths)
+    path = recorded(stage_paths(design))
     built, apart = with_recorded_path(design, path, middle=CLOCK)
     assert apart.rms < 2e-3
     times = np.linspace(-0.012, 0.01, 7)
-    wanted, own = (np.asarray(each.frames.place(times)) for each in (design, built))
+    wanted, own = (np.asarray(each.sequence.frames.place(times)) for each in (design, built))
     np.testing.assert_allclose(own - own[:, :1], wanted - wanted[:, :1], atol=5e-3)
 
 
 def test_a_doubt_names_the_travel_of_the_axis_that_goes_furthest():
     """Be it the first or the second: ten times as far as a path may differ from it."""
     design = a_plane_design()
-    velocities = design.frames.velocities
+    velocities = design.sequence.frames.velocities
     for own in (velocities, velocities[::-1]):
-        frames = replace(design.frames, velocities=own)
+        frames = replace(design.sequence.frames, velocities=own)
         turned = replace(design, sequence=replace(design.sequence, frames=frames))
-        path = recorded(turned.stage_paths)
+        path = recorded(stage_paths(turned))
         _, apart = with_recorded_path(turned, path._replace(place=-path.place), middle=CLOCK)
         assert "which travels 5.59 px" in apart.doubt
 
@@ -84,7 +84,7 @@ def test_a_doubt_names_the_travel_of_the_axis_that_goes_furthest():
 def test_the_noise_of_an_encoder_is_averaged():
     """Ten thousand samples with an error of a tenth of a pixel tell the path to a twentieth."""
     design = a_plane_design()
-    path = recorded(design.stage_paths, count=10_000, noise=0.1)
+    path = recorded(stage_paths(design), count=10_000, noise=0.1)
     built, apart = with_recorded_path(design, path, middle=CLOCK)
     assert apart.rms < 1 / 20
     levels = [float(ms.exposures_psnr(design.scene, x.frames)) for x in (design, built)]
@@ -182,7 +182,7 @@ def test_one_exposure_takes_a_recorded_path(motion):
 def test_a_path_far_from_the_planned_one_is_doubted():
     """The sign of an axis, and a clock that is half a frame off, are no path of these frames."""
     design = a_plane_design()
-    path = recorded(design.stage_paths)
+    path = recorded(stage_paths(design))
     flipped = path._replace(place=path.place * [[1.0], [-1.0]])
     for wrong, middle in ((flipped, CLOCK), (path, CLOCK + 0.005)):
         _, apart = with_recorded_path(design, wrong, middle=middle)
@@ -205,7 +205,7 @@ def test_its_own_files_are_read_back(tmp_path):
 )
 def test_files_of_encoders_are_read_in_their_units(heading, unit, tmp_path):
     """Times and places by their headings, whatever separates them."""
-    path, file = recorded(a_plane_design().stage_paths, count=40), tmp_path / "path.csv"
+    path, file = recorded(stage_paths(a_plane_design()), count=40), tmp_path / "path.csv"
     sign = ";" if ";" in heading else ","
     rows = np.transpose([unit[0] * path.time, *(unit[1] * path.place)])
     lines = [sign.join(f"{x:.9g}" for x in row) for row in rows]
@@ -218,7 +218,7 @@ def test_files_of_encoders_are_read_in_their_units(heading, unit, tmp_path):
 @pytest.mark.parametrize("scale", [0.031, -0.47])
 def test_counts_and_volts_have_a_scale(scale, tmp_path):
     """One number is so many pixels on both axes, whatever the headings say of its unit."""
-    path, file = recorded(a_plane_design().stage_paths, count=40), tmp_path / "path.csv"
+    path, file = recorded(stage_paths(a_plane_design()), count=40), tmp_path / "path.csv"
     rows = np.transpose([1e3 * path.time, *(path.place / scale)])
     lines = [",".join(f"{x:.9g}" for x in row) for row in rows]
     for heading in ("time (ms),x,y", "time (ms),x (V),y (V)", "time (ms),x (um),y (um)"):
@@ -253,7 +253,7 @@ def test_a_file_that_is_no_path_is_refused(slug, tmp_path):
 def test_a_path_that_misses_an_exposure_is_refused():
     """By the times of either clock, and by the samples of an exposure."""
     design = a_plane_design()
-    path = recorded(design.stage_paths, count=900)
+    path = recorded(stage_paths(design), count=900)
     with pytest.raises(ValueError, match=r"reach over all exposures, -16.5 to 16.5 ms by its cl"):
         with_recorded_path(design, path)
     few = RecordedPath(path.time[::40], path.place[:, ::40])

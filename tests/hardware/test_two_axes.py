@@ -11,11 +11,11 @@ import equinox as eqx
 import numpy as np
 import pytest
 from support.bursts import a_burst_design
-from support.plane import a_plane_design
+from support.plane import a_plane_design, stage_paths
 
 from mishutter import (
+    Design,
     Limits,
-    PlaneDesign,
     SecondOrderStage,
     Sensor,
     cli,
@@ -45,7 +45,7 @@ def test_both_axes_are_where_the_frames_want_them():
     assert parts[-3:] == ["frame 3", "run-out", "rest"]
     lit = np.array([part.startswith("frame") for part in own["part"]])
     time = own["time"][lit] / 1e3
-    for axis, place in zip("xy", np.asarray(design.frames.place(time)), strict=True):
+    for axis, place in zip("xy", np.asarray(design.sequence.frames.place(time)), strict=True):
         found = own[f"sensor_position_{axis}"][lit]
         np.testing.assert_allclose(found - found[9], place - place[9], atol=2e-6)
         inner = slice(5, 60)
@@ -60,7 +60,7 @@ def test_both_axes_are_where_the_frames_want_them():
 @pytest.mark.parametrize("jerk", [None, 2e5])
 def test_the_stage_goes_back_to_where_it_began(axes, jerk):
     """Each axis in the same time, from rest to rest, as fast as one of the limits lets it."""
-    x, y = a_plane_design().stage_paths
+    x, y = stage_paths(a_plane_design())
     x = x._replace(positions=x.positions - np.linspace(0, 7.3, x.positions.size))
     limits = Limits(max_acceleration=4e4, max_top_speed=170.0, max_jerk=jerk, axes=axes)
     paths = {"_x": x, "_y": y}
@@ -87,7 +87,7 @@ def test_the_stage_goes_back_to_where_it_began(axes, jerk):
 
 def test_a_stage_that_is_back_has_no_way():
     """Its path stays as it is; rest is where it stands still, before and after all else."""
-    x, y = a_plane_design().stage_paths
+    x, y = stage_paths(a_plane_design())
     limits = Limits(max_acceleration=4e4, max_top_speed=170.0)
     assert with_way_back({"_x": x}, limits) == {"_x": x}
     for returns in (False, True):
@@ -149,17 +149,19 @@ def test_formats_have_a_channel_for_each_axis(form):
 
 def _of_one_axis(table):
     """The same triggers of a stage at rest."""
-    frames = eqx.tree_at(lambda x: x.velocities, table.design.frames, np.zeros((2, 65)))
+    frames = eqx.tree_at(lambda x: x.velocities, table.design.sequence.frames, np.zeros((2, 65)))
     burst = replace(table.design.sequence, frames=frames)
-    return frame_table(PlaneDesign(table.design.scene, burst), num_steps=311)
+    return frame_table(Design(table.design.scene, burst), num_steps=311)
 
 
 def test_a_gate_costs_what_its_frames_lose():
     """Frames that touch end a step early; the level is that of frames of these lengths."""
     design = a_plane_design()
     times, exposures = np.array([-0.011, 0.0, 0.011]), np.full(3, 0.011)
-    whole = eqx.tree_at(lambda x: (x.times, x.exposures), design.frames, (times, exposures))
-    design = PlaneDesign(design.scene, replace(design.sequence, frames=whole))
+    whole = eqx.tree_at(
+        lambda x: (x.times, x.exposures), design.sequence.frames, (times, exposures)
+    )
+    design = Design(design.scene, replace(design.sequence, frames=whole))
     table = frame_table(design, num_steps=66)
     step = 0.033 / 66
     short = exposures - [step, step, 0]
@@ -178,7 +180,7 @@ def test_export_writes_both_axes(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "stage x / px  stage y / px" in out
     assert "channels" not in err
-    _, y = (path.positions[-1] - path.positions[0] for path in a_plane_design().stage_paths)
+    _, y = (path.positions[-1] - path.positions[0] for path in stage_paths(a_plane_design()))
     assert f"away from where it begins: x +0.00 px, y {y:+.2f} px; --return adds" in err
     assert cli.main([*command, "--out", str(tmp_path / "back"), "--return", "--format", "npy"]) == 0
     err = capsys.readouterr().err

@@ -26,7 +26,7 @@ from mishutter.model.sequences import FramePath, TimedFrames
 def _one():
     """The design of a single exposure, whose parabola pans."""
     motion = ParabolicMotion(acceleration=2.1e4, half_exposure=0.007, velocity=350.0)
-    return replace(a_burst_design(None), motion=motion)
+    return a_burst_design(None).with_one(motion=motion)
 
 
 DESIGNS = {"one": _one, "burst": a_burst_design, "plane": a_plane_design}

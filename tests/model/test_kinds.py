@@ -18,7 +18,7 @@ from mishutter import (
     baselines,
     register_shutter,
 )
-from mishutter.design.design import Outcome
+from mishutter.design.design import given_design
 
 # The registry itself, which each test leaves as it was.
 from mishutter.model.shutters import kinds
@@ -86,9 +86,7 @@ def test_a_registered_shutter_is_saved_and_loaded(table, tmp_path):
     """A design with it is one file; without the call the file is refused by name."""
     motion = ParabolicMotion(acceleration=3e5, half_exposure=0.01)
     scene = Scene([0.0, 300.0], photon_rate=1e5, read_noise=3.0, motion=motion)
-    given = {"motion": motion, "scene": scene, "loss": 0.3, "history": np.array([0.3])}
-    given |= {"outcome": Outcome.STALLED, "certificate": 0.0, "loss_name": "mine"}
-    design = Design(shutter=Ramp(jnp.asarray(0.31)), best_start_loss=0.3, **given)
+    design = given_design(scene, motion, Ramp(jnp.asarray(0.31)), "Given.")
     path = tmp_path / "design.json"
     with pytest.raises(ValueError, match=r"own or a registered one; got 'Ramp'"):
         design.save(path)

@@ -2,7 +2,6 @@
 
 import json
 import os
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -107,7 +106,7 @@ def test_a_design_draws_its_shutter_and_its_path():
     device = FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3)
     scene = Scene([-310.0, 420.0], photon_rate=2e5, read_noise=3.0, device=device)
     seen = scene.light(HannShutter(), MOTION)
-    top, bottom = plot_design(replace(a_design(seen), scene=scene, motion=MOTION)).axes
+    top, bottom = plot_design(a_design(seen, scene=scene, motion=MOTION)).axes
     (path,) = bottom.get_lines()
     time, place = path.get_data()
     np.testing.assert_allclose(time[[0, -1]], [-6.1, 6.1])
@@ -758,7 +757,7 @@ def test_a_drive_shows_the_shutter_behind_its_device():
     """Its levels are sent; the light that passes lags behind them."""
     device = FirstOrderDevice(rise_time=2e-3, fall_time=2e-3)
     scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
-    table = drive_table(replace(a_design(HannShutter()), scene=scene))
+    table = drive_table(a_design(HannShutter(), scene=scene))
     top = plot_drive(table).axes[0]
     labels = [text.get_text() for text in top.get_legend().get_texts()]
     assert labels == ["sent, 256 levels", "sent as designed", "behind the device"]

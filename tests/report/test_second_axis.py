@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.plane import a_plane_design, scene_of
+from support.plane import a_plane_design, scene_of, stage_paths
 
 from mishutter import (
+    Design,
     Exposures,
     Limits,
     ListedVelocities,
-    PlaneDesign,
     PlaneFrames,
     Scene,
     exposures_psnr,
@@ -60,14 +60,14 @@ def test_a_list_off_centre_is_read_with_what_its_stage_does(tmp_path):
     limits = Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
     design = a_plane_design(law, limits)
     design.save(tmp_path / "design.json")
-    read = PlaneDesign.load(tmp_path / "design.json")
+    read = Design.load(tmp_path / "design.json")
     use = read.sequence.use_within(limits)
-    assert use != design.frames.use(limits)  # of a stage that pans by itself
+    assert use != design.sequence.frames.use(limits)  # of a stage that pans by itself
     travels = [
-        np.ptp(path.at(np.linspace(*path.times[[0, -1]], 40_001))[0]) for path in read.stage_paths
+        np.ptp(path.at(np.linspace(*path.times[[0, -1]], 40_001))[0]) for path in stage_paths(read)
     ]
     assert use.travel == pytest.approx(max(travels), rel=1e-3)
-    speeds = [np.max(np.abs(path.at(path.times)[1])) for path in read.stage_paths]
+    speeds = [np.max(np.abs(path.at(path.times)[1])) for path in stage_paths(read)]
     assert use.top_speed == pytest.approx(max(speeds), rel=1e-6)
 
 
@@ -75,7 +75,7 @@ def test_places_of_triggers_are_those_of_the_frames():
     """Along each axis, at mid-exposure of each of three unequal frames, but for a constant."""
     design = a_plane_design()
     places = frame_table(design, num_steps=97).places
-    wanted = np.asarray(design.frames.place(np.array(design.sequence.times)))
+    wanted = np.asarray(design.sequence.frames.place(np.array(design.sequence.times)))
     assert list(places) == ["stage x / px", "stage y / px"]
     for own, place in zip(places.values(), wanted, strict=True):
         np.testing.assert_allclose(np.diff(own), np.diff(place), atol=1e-6)

@@ -15,8 +15,8 @@ from mishutter.search.rivals import is_finished
 from mishutter.search.search import _beside_bursts
 from mishutter.search.sequences import choose_burst
 
-GIVEN = replace(a_design(HannShutter()), loss_name=NO_LOSS)
-SEARCHED = replace(GIVEN, loss_name=repr(ExpectedErrorLoss()))
+GIVEN = a_design(HannShutter()).with_one(loss_name=NO_LOSS)
+SEARCHED = GIVEN.with_one(loss_name=repr(ExpectedErrorLoss()))
 DIM = Scene.uniform(
     max_speed=2000.0, num_speeds=5, photon_rate=9e4, read_noise=10.0, limits=SCENE.limits
 )

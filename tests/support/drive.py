@@ -2,18 +2,14 @@
 
 import numpy as np
 
-from mishutter import (
-    Design,
-)
-from mishutter.design.design import Outcome
+from mishutter import Design, OneExposure, Outcome
 from support.designs import MOTION, SCENE
 
 
-def a_design(shutter):
-    return Design(
+def a_design(shutter, motion=MOTION, scene=SCENE):
+    one = OneExposure(
         shutter=shutter,
-        motion=MOTION,
-        scene=SCENE,
+        motion=motion,
         loss=0.3,
         history=np.array([0.3]),
         outcome=Outcome.CONVERGED,
@@ -21,3 +17,4 @@ def a_design(shutter):
         loss_name="ExpectedErrorLoss()",
         best_start_loss=0.3,
     )
+    return Design(scene, one=one)

@@ -9,13 +9,14 @@ import numpy as np
 
 from mishutter import (
     BurstMode,
+    Design,
     EvenVelocities,
     Limits,
-    PlaneDesign,
     PlaneFrames,
     Scene,
 )
 from mishutter.model.exposures import exposures_in_plane
+from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
 
 WINDOW = 0.08
@@ -122,9 +123,14 @@ def frames_of(slug: str, count: int, kind: str) -> PlaneFrames:
     return PlaneFrames(times, np.full(count, period), np.full(_PIECES, WINDOW / _PIECES), velocity)
 
 
+def stage_paths(design: Design) -> list[StagePath]:
+    """The paths of its stage, along rows and columns."""
+    return [*design.exposures.stage_paths(design.scene).values()]
+
+
 def a_plane_design(
     law: AbstractVelocities | None = None, limits: Limits | None = None, **others: object
-) -> PlaneDesign:
+) -> Design:
     """Three frames on two sines, whose stage has limits; its level is none of a search."""
     if limits is None:
         limits = Limits(max_half_exposure=0.01, max_travel=60.0, max_acceleration=9e5)
@@ -137,4 +143,4 @@ def a_plane_design(
     phase = np.linspace(-np.pi, np.pi, 65)
     velocities = np.stack([-800.0 * np.sin(1.5 * phase), 700.0 * np.cos(1.8 * phase)])
     frames = PlaneFrames(times, exposures, np.full(64, whole / 64), velocities)
-    return PlaneDesign(scene, exposures_in_plane(scene, "two sines", frames, 27.25))
+    return Design(scene, exposures_in_plane(scene, "two sines", frames, 27.25))

@@ -259,11 +259,11 @@ def _moving(
     responses, of_frames = [], [np.zeros(1)] * stills.count
     for part, way, first in zip(stills.parts, ways, whole, strict=True):
         rest, blur = way - first, part.blur(velocity)
-        turns = down[:, None] * rest[0] + across * rest[1]
-        passed = aperture * np.sinc(down[:, None] * blur[0] + across * blur[1])
+        turns = down * rest[0] + across * rest[1]
+        passed = aperture * np.sinc(down * blur[0] + across * blur[1])
         responses.append((passed * np.exp(-2j * np.pi * turns)).astype(np.complex64))
         aside = first - until[part.frame]
-        turns = down[:, None] * aside[0] + across * aside[1]
+        turns = down * aside[0] + across * aside[1]
         own = part.share * responses[-1] * np.exp(-2j * np.pi * turns)
         of_frames[part.frame] = of_frames[part.frame] + own.astype(np.complex64)
     power = known.power(size).astype(np.float32)
@@ -306,7 +306,7 @@ def _of_own_detail(sheet: Sheet, shares: list[np.ndarray], stills: Stills) -> Sh
         own = own + (passed**2 if stills.count > 1 else 0.0)
     shown, told = np.abs(gathered) ** 2 - alone, space * sheet.power * (density**2 - own)
     down, across = frequencies_on(sheet.size)
-    radius = np.hypot(down[:, None], across)
+    radius = np.hypot(down, across)
     edges = np.geomspace(max(2 / math.sqrt(space), 0.01), 0.5, _BANDS + 1)
     places, scales = [], []
     for low, high in itertools.pairwise(edges.tolist()):
@@ -458,7 +458,7 @@ def _by_total_variation(misfit: Misfit, decoder: TotalVariationDecoder, start: L
     responses = []
     for sheet, weight in zip(sheets, weights, strict=True):
         down, across = frequencies_on(sheet.size)
-        turns = 4 - 2 * np.cos(2 * np.pi * down)[:, None] - 2 * np.cos(2 * np.pi * across)
+        turns = 4 - 2 * np.cos(2 * np.pi * down) - 2 * np.cos(2 * np.pi * across)
         responses.append(SMOOTH / sheet.power + float(np.mean(weight)) * turns.astype(np.float32))
     prior = Prior(responses, SMOOTH, weights, differences=True)
     layers, splits = start, [steps(one) for one in start]
