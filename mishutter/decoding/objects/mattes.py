@@ -139,7 +139,7 @@ class Mixed(NamedTuple):
     def unexplained(
         self, misfit: Misfit, change: Float[np.ndarray, "frames rows columns"]
     ) -> Float[np.ndarray, "frames rows columns"]:
-        r"""What is left of a change of the frames by the light of the layers and this outline.
+        r"""A change of the frames less what the light of the layers and this outline explain.
 
         Both are solved at once: one after the other, light would explain anew what the outline
         leaves. With the frames $A a$ of light and $B m$ of a matte near its outline, and the noise
