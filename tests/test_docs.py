@@ -91,19 +91,23 @@ It is 2.37 dB below.
  rect          24.56
 
 Loss 0.28352.
+28 px at 3,550 px/s
 """
 SHOWN = {
     "whole": OUTPUT,
     "without rules and empty lines": "\n".join(OUTPUT.replace("─", "").split("\n\n")),
     "a cut at the end": "Build optimised: 24.93 dB.\n…",
-    "a cut at the beginning": "…\nrect  24.56\nLoss 0.28352.",
+    "a cut at the beginning": "…\nrect  24.56\nLoss 0.28352.\n28 px at 3,550 px/s",
     "cuts on all sides": "…\nshutter PSNR dB\n…\nrect 24.56\n…",
+    "the next of three digits": "…\nrect 24.55\n…\n28 px at 3,560 px/s",
 }
 NOT_SHOWN = {
-    "another last digit": OUTPUT.replace("24.56", "24.55"),
+    "a last digit further on": OUTPUT.replace("24.56", "24.58"),
+    "another of two digits": "…\n27 px at 3,550 px/s",
+    "another of two digits that are not 0": "…\n28 px at 3,400 px/s",
     "a digit less": OUTPUT.replace("0.28352", "0.2835"),
     "an end that is not said to be cut": "Build optimised: 24.93 dB.\nIt is 2.37 dB below.",
-    "a beginning that is not": "Loss 0.28352.",
+    "a beginning that is not": "Loss 0.28352.\n28 px at 3,550 px/s",
     "a line that is left out between": OUTPUT.replace("It is 2.37 dB below.\n", ""),
     "another order": "…\nrect 24.56\noptimised 24.93\n…",
     "a line too many": OUTPUT + "And more.",

@@ -42,9 +42,9 @@ from mishutter.camera.rows import (
     window_of,
 )
 from mishutter.evaluation.instants import Instants
-from mishutter.model.exposures import path_for_rows
+from mishutter.model.exposures import Exposures, open_frames, path_for_rows
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import PlaneFrames, TimedFrame
+from mishutter.model.sequences import Frames, PlaneFrames, TimedFrame
 from mishutter.pictures.images import Picture, pixels_along, transposed
 
 
@@ -52,7 +52,7 @@ from mishutter.pictures.images import Picture, pixels_along, transposed
 def simulate_frames(
     picture: Picture | Layers | ArrayLike,
     scene: Scene,
-    frames: Sequence[TimedFrame] | PlaneFrames,
+    frames: Frames | Exposures,
     *,
     speed: float | RowLike = 0.0,
     num_columns: int | None = None,
@@ -72,8 +72,8 @@ def simulate_frames(
         picture: Light, white = 1, shape `(rows, columns)` or with channels last. Or `Layers`, which
             bring their own speeds and borders.
         scene: Light, noise, optics and axis; its speeds are not used.
-        frames: The frames, with open shutters, as `best_sequence` finds them; or frames in the
-            plane, as `best_in_plane` does.
+        frames: The frames, with open shutters: `TimedFrame`s, `PlaneFrames`, or `Exposures`, as
+            `best_sequence` finds them.
         speed: Speed of the picture; px/s, as that of `simulate_capture`; 0 for layers. For frames
             in the plane its velocity along rows and columns: to the left and up.
         num_columns: Pixels of the sensor along the motion, or along the rows for frames in the
@@ -89,12 +89,12 @@ def simulate_frames(
         channels last where the picture has some.
 
     Raises:
-        ValueError: if a speed stands beside layers, it is no velocity for frames in the plane or is
-            one for others, the sensor is larger than the picture, or light is displaced by more
-            than 8,192 px.
+        ValueError: if the frames are no frames or have a shaped shutter, a speed stands beside
+            layers, it is no velocity for frames in the plane or is one for others, the sensor is
+            larger than the picture, or light is displaced by more than 8,192 px.
     """
-    in_plane = isinstance(frames, PlaneFrames)
-    require_scene(scene, in_plane=in_plane)
+    frames = open_frames("simulate_frames(frames=...)", frames)
+    require_scene(scene, in_plane=isinstance(frames, PlaneFrames))
     require_known("simulate_frames", speed=speed, frames=frames)
     subject = "simulate_frames(speed=...)"
     if isinstance(picture, Layers):

@@ -367,13 +367,16 @@ def _by_gradients(
             break
         image = canvas.gathered(responses, (canvas.through(one, step) for one in responses))
         image += prior * step
-        stride = size / np.maximum(product(step, image), 1e-300)
-        stride = along(np.where(is_active, stride, 0.0))
+        curvature = product(step, image)
+        # Of frames with next to no noise, rounding leaves steps that lead nowhere.
+        is_active &= (size > 0) & (curvature > 0)
+        stride = along(np.divide(size, curvature, out=np.zeros_like(size), where=is_active))
         picture += stride * step
         residual -= stride * image
         turned = near(residual)
         following = product(residual, turned)
-        step = turned + along(following / np.maximum(size, 1e-300)) * step
+        kept = np.divide(following, size, out=np.zeros_like(size), where=is_active)
+        step = turned + along(kept) * step
         size = following
         if math.isfinite(settled) and count.bit_count() == 1:
             seen = canvas.seen(picture)

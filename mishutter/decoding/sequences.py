@@ -29,8 +29,9 @@ from mishutter.decoding.frame_velocity import (
 from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
 from mishutter.decoding.restoration import portions
 from mishutter.decoding.rolling import RowTimes
+from mishutter.model.exposures import Exposures, open_frames
 from mishutter.model.scene import Scene, require_scene, require_whole
-from mishutter.model.sequences import PlaneFrames, TimedFrame
+from mishutter.model.sequences import Frames, PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, transposed
 
 Progress = Callable[[str, float], None]
@@ -70,7 +71,7 @@ class RestoredFrames(_Pair):
 def restore_frames(
     captures: ArrayLike | Sequence[ArrayLike],
     scene: Scene,
-    frames: Sequence[TimedFrame] | PlaneFrames,
+    frames: Frames | Exposures,
     *,
     decoder: AbstractDecoder | None = None,
     speed: float | RowLike | Sequence[RowLike] | None = None,
@@ -89,7 +90,8 @@ def restore_frames(
         captures: Light of each frame in units of its exposure of white, as `simulate_frames` gives
             it; shape `(frames, rows, columns)`, or channels last; concrete.
         scene: Speeds that may occur, light, noise, and spectrum of pictures.
-        frames: The frames, with open shutters; or frames in the plane.
+        frames: The frames, with open shutters: `TimedFrame`s, `PlaneFrames`, or `Exposures`, as
+            `best_sequence` finds them.
         decoder: The method; the ensemble filter by default, which is then the best linear one. In
             the plane total variation and a denoiser of your own are others.
         speed: The speed of the picture, px/s; by default it is found in the frames, and trusted
@@ -105,11 +107,11 @@ def restore_frames(
         progress: Called with a sentence and the share done, object by object.
 
     Raises:
-        ValueError: if the sensor is at rest in less than two frames in which objects are to be
-            found, or moves before a background behind a rolling shutter; the scene has no light, or
-            more speeds than frames can tell apart; the captures are traced, not finite, or not of
-            so many frames; or `speed` is not a finite scalar, or displaces light by more than
-            8,192 px.
+        ValueError: if the frames are no frames or have a shaped shutter; the sensor is at rest in
+            less than two frames in which objects are to be found, or moves before a background
+            behind a rolling shutter; the scene has no light, or more speeds than frames can tell
+            apart; the captures are traced, not finite, or not of so many frames; or `speed` is not
+            a finite scalar, or displaces light by more than 8,192 px.
 
     Examples:
         >>> import jax
@@ -125,6 +127,7 @@ def restore_frames(
         >>> print(f"{found.estimate.speed:.1e} px/s, {found.estimate.trusted}")
         7.0e+02 px/s, True
     """
+    frames = open_frames("restore_frames(frames=...)", frames)
     require_scene(scene, in_plane=isinstance(frames, PlaneFrames))
     require_known("restore_frames", captures=captures, speed=speed)
     chosen = decoder_or_ensemble(decoder, "restore_frames")

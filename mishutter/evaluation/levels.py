@@ -47,7 +47,7 @@ from mishutter.evaluation.instants import NODES, PX_A_PANEL, Instants
 from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.strips import Strips
-from mishutter.model.exposures import Exposures, frames_of, path_for_rows
+from mishutter.model.exposures import Exposures, frames_of, open_frames, path_for_rows
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
@@ -87,19 +87,22 @@ def exposures_psnr(
             that they need, which are not known inside `jax.jit`.
 
     Raises:
-        ValueError: if there is no exposure, they are traced by `jax.jit` without `num_panels`, or
-            by JAX for a sensor whose rows are exposed one after another; or if something passes
-            more than 10 px of the sensor in a panel, while the program runs if numbers are traced.
+        ValueError: if there is no exposure or a shaped shutter, they are traced by `jax.jit`
+            without `num_panels`, or by JAX for a sensor whose rows are exposed one after another;
+            or if something passes more than 10 px of the sensor in a panel, while the program runs
+            if numbers are traced.
     """
     require_scene(scene, in_plane=True)
-    caller, frames, error = "exposures_psnr", _alone(exposures), 0.0
+    caller, error = "exposures_psnr", 0.0
+    if not isinstance(exposures, Instants):
+        open_frames(f"{caller}(exposures=...)", exposures)
     for share, instants in rows_of(scene, exposures, caller, lights, num_panels):
         fan = fan_of(scene, instants, grid)
         if num_panels is not None:
             speeds = components_on(scene, fan, grid.num_speeds).speeds
             instants = instants.held(speeds, f"{caller}(num_panels=...)", num_panels)
         error += share * left(scene, instants, fan, grid.num_speeds)
-    return psnr_of(error, common_dtype(frames))
+    return psnr_of(error, common_dtype(_alone(exposures)))
 
 
 def rows_of(

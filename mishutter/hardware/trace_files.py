@@ -26,6 +26,8 @@ _UNITS |= dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
 """Units of time, case-folded, which makes one of both micro signs; s."""
 METRES = {"nm": 1e-9, "um": 1e-6, "\u03bcm": 1e-6, "mm": 1e-3, "m": 1.0}
 """Units of places beside pixels, case-folded; m."""
+_ENCODERS = ("counts", "count", "cts", "steps", "pulses", "volts", "volt", "v", "mv")
+"""Units of an encoder, case-folded, of which a scale says the length."""
 _TIMES = ("time", "t", "zeit", "temps", "tiempo", "tempo")
 """Names of a column of times, case-folded."""
 _INTERVALS = ("sampleinterval", "samplinginterval", "samplingperiod", "sampleperiod")
@@ -238,7 +240,7 @@ def _place_of(heading: str) -> tuple[str, str]:
         own, unit = _split(heading)
         return own.strip(), _bare(unit)
     for own, unit in (_split(heading), (name, last)):
-        if _bare(unit) in ("px", *METRES):
+        if _bare(unit) in ("px", *METRES, *_ENCODERS):
             return own.strip(), _bare(unit)
     return heading, ""
 

@@ -31,6 +31,7 @@ class Levels(NamedTuple):
     words: tuple[str, ...] = ()  # Sentences on what was read otherwise than one would expect
     # A sentence on how white follows from the levels; `""` where the file states it
     guess: str = ""
+    kind: str = ""  # Depth and colours of the files, in words; `""` of arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,7 @@ class Clip:
     step: float  # Step between neighbouring levels; 0 for levels that are no whole numbers
     ends: tuple[float, float]  # Levels at and beyond which the file cuts off, below and above
     words: tuple[str, ...] = ()  # Sentences on what was read otherwise than one would expect
+    kind: str = ""  # Depth and colours of its files, in words; `""` of arrays
 
     @property
     def num_frames(self) -> int:
@@ -104,6 +106,7 @@ def clip_of(
         step=step,
         ends=cut_off(frames, step),
         words=(*levels.words, *([levels.guess] if levels.guess and white is None else [])),
+        kind=levels.kind,
     )
 
 
@@ -130,13 +133,17 @@ def read_levels_of(source: Source, subject: str, most: int | None = None) -> Lev
     requirement = f"hold frames of one size, {sizes[0][0]} x {sizes[0][1]}"
     got = Unquoted(f"{sizes[odd][0]} x {sizes[odd][1]} in {str(files[odd])!r}")
     require(odd == 0, subject, requirement, got)
+    kinds = [part.kind for part in parts]
+    odd = next((k for k, kind in enumerate(kinds) if kind != kinds[0]), 0)
+    got = Unquoted(f"{kinds[odd] or 'others'} in {str(files[odd])!r}")
+    require(odd == 0, subject, f"hold frames of one kind, {kinds[0] or 'arrays'}", got)
     full = max(part.full for part in parts)
     frames = np.concatenate([part.frames for part in parts])
     if len(files) > len(parts):
         words.append(_first(most))
     is_whole = all(part.is_whole for part in parts)
     full, guess = _depth(frames, full) if is_whole else (full, "")
-    return Levels(frames, full, is_whole, tuple(dict.fromkeys(words)), guess)
+    return Levels(frames, full, is_whole, tuple(dict.fromkeys(words)), guess, kinds[0])
 
 
 def cut_off(frames: Shaped[np.ndarray, "frames rows columns"], step: float) -> tuple[float, float]:
@@ -266,14 +273,17 @@ def _of_file(path: Path, subject: str, most: int | None) -> Levels:
         levels = _of_array(stack.frames, subject, most, str(path))
         words = [stack.word] if stack.word else []
         words += [_first(most)] if stack.has_more else []
-        return levels._replace(words=tuple(words))
+        return levels._replace(words=tuple(words), kind=_kind_of(levels.full, is_grey=True))
     pages = decoded_pages(path, most)
-    words, planes = [], []
+    words, planes, kinds = [], [], []
     for page in pages:
         colour = page.colour
         is_grey = colour.shape[2] == 1 or np.array_equal(colour[..., 0], colour[..., 1])
         if not is_grey:
             words.append("frames are in colour: their green is measured")
+        # Black alone has the same level in all colours too.
+        is_one = colour.shape[2] == 1 or (is_grey and bool(colour.min() < colour.max()))
+        kinds.append(_kind_of(page.full, is_grey=is_one))
         # Green levels are interpolated no more than others.
         planes.append(colour[..., 0 if is_grey else 1].astype(np.float32))
     frames = np.stack(planes)
@@ -288,7 +298,12 @@ def _of_file(path: Path, subject: str, most: int | None) -> Levels:
     if len(pages) == most and pages[-1].has_more:
         words.append(_first(most))
     is_whole = pages[0].colour.dtype.kind == "u"
-    return Levels(frames, pages[0].full, is_whole, tuple(words))
+    return Levels(frames, pages[0].full, is_whole, tuple(words), kind=kinds[0])
+
+
+def _kind_of(full: float, *, is_grey: bool) -> str:
+    """Depth and colours of a file in words, by the greatest level of its depth."""
+    return f"{8 if full < 1 << 8 else 16}-bit {'grey' if is_grey else 'colour'}"
 
 
 def _first(most: int | None) -> str:

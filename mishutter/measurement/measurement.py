@@ -9,7 +9,7 @@ from mishutter._core.progress import counts
 from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, motion_of, read_in_turn
-from mishutter.measurement.noise import Noise, noise_of
+from mishutter.measurement.noise import Noise, noise_of, require_others
 from mishutter.measurement.pan import registered
 from mishutter.measurement.scene import Measurement, along_axis
 from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
@@ -129,10 +129,13 @@ def noise_from(
 ) -> tuple[Clip, Noise]:
     """The frames of a clip, made alike, and their noise; see `measure`."""
     others = {"dark": dark, "flats": flats}
-    read = {
-        key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
+    levels = {
+        key: read_levels_of(source, f"measure({key}=...)")
         for key, source in others.items()
+        if source is not None
     }
+    require_others(clip, levels, black)
+    read = {key: levels[key].frames if key in levels else None for key in others}
     whole = registered(clip.frames)
     frames, ways = whole or (clip.frames, None)
     alike = steady(frames, clip.step, ways)

@@ -1,5 +1,6 @@
 """The noise of a camera in electrons, or why a clip does not tell it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,7 +8,7 @@ from jaxtyping import Float
 
 from mishutter._core.checks import Unquoted, require
 from mishutter.measurement import photon_transfer
-from mishutter.measurement.clip import Clip
+from mishutter.measurement.clip import Clip, Levels
 from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.photon_transfer import Blocks, Law, Transfer, pairs_of
 from mishutter.measurement.signs import (
@@ -22,6 +23,10 @@ from mishutter.measurement.signs import (
 from mishutter.measurement.steady import Steady
 
 READ = "the read noise"
+_BLOCK = 16
+"""Side of the blocks whose levels are the structure of a dark frame; px."""
+_STRUCTURE = 0.02
+"""Share of the clip's contrast by which a dark frame may differ from black."""
 _LEAST_OF_A_STEP = 0.5
 """Noise below which rounding is no noise of its own; steps."""
 
@@ -58,7 +63,6 @@ def noise_of(
     black: float | None,
 ) -> Noise:
     """The noise of a clip, with dark frames and flat fields where there are some."""
-    _check_others(clip, dark, flats, black)
     known, of_black, dark, refusals = _black_of(clip, dark, black)
     blocks = photon_transfer.blocks_of(steady, pairs_of(steady.num_frames), clip.ends)
     transfer = photon_transfer.transfer_of(blocks, _others(clip, dark, flats), clip.step)
@@ -203,22 +207,45 @@ def _read_of(
     return read, ends, source, []
 
 
-def _check_others(
-    clip: Clip, dark: np.ndarray | None, flats: np.ndarray | None, black: float | None
-) -> None:
+def require_others(clip: Clip, others: Mapping[str, Levels], black: float | int | None) -> None:
+    """Refuses dark frames, flat fields and a level of black that cannot be a clip's."""
     size = clip.frames.shape[1:]
-    for name, frames in (("dark", dark), ("flats", flats)):
-        if frames is not None:
-            requirement = f"have the size of the clip, {size[0]} x {size[1]}"
-            got = Unquoted(f"{frames.shape[1]} x {frames.shape[2]}")
-            require(frames.shape[1:] == size, f"measure({name}=...)", requirement, got)
-    if flats is not None:
+    for name, levels in others.items():
+        subject, own = f"measure({name}=...)", levels.frames.shape[1:]
+        requirement = f"have the size of the clip, {size[0]} x {size[1]}"
+        require(own == size, subject, requirement, Unquoted(f"{own[0]} x {own[1]}"))
+        is_alike = levels.kind == clip.kind or not (levels.kind and clip.kind)
+        require(is_alike, subject, f"be {clip.kind} as the clip is", Unquoted(levels.kind))
+    if "flats" in others:
+        count = len(others["flats"].frames)
         requirement = "be pairs of flat fields, one pair after the other"
-        is_paired = len(flats) % 2 == 0
-        require(is_paired, "measure(flats=...)", requirement, Unquoted(f"{len(flats)} frames"))
+        require(count % 2 == 0, "measure(flats=...)", requirement, Unquoted(f"{count} frames"))
     if black is not None:
         fits = np.isfinite(black) and black < clip.white
         require(bool(fits), "measure(black=...)", f"be below white, {clip.white:g}", black)
+    for number, frame in enumerate(others["dark"].frames if "dark" in others else (), 1):
+        _require_dark(clip, frame, number)
+
+
+def _require_dark(clip: Clip, frame: Float[np.ndarray, "rows columns"], number: int) -> None:
+    """Refuses a dark frame that has seen light: more than dark parts of the clip, or structure."""
+    subject, level = "measure(dark=...)", float(np.median(frame))
+    low, high = np.quantile(np.mean(clip.frames, axis=0), (0.1, 0.99)).tolist()
+    steps = np.diff(frame, axis=1)
+    noise = 1.4826 * float(np.median(np.abs(steps - np.median(steps)))) / np.sqrt(2)
+    # Black drifts a little; a sensor that glows, or whose rows differ, has structure of its own.
+    own = max(noise, clip.step, _STRUCTURE * (high - low))
+    requirement = f"be of a covered lens: at most at the {low + own:.4g} of dark parts of the clip"
+    got = Unquoted(f"{level:.4g} in frame {number}")
+    require(level <= low + own, subject, requirement, got)
+    # Medians over blocks hold no hot pixels, and a sixteenth of the noise; quartiles of these no
+    # rows that are stuck.
+    rows, columns = (n // _BLOCK for n in frame.shape)
+    blocks = frame[: rows * _BLOCK, : columns * _BLOCK].reshape(rows, _BLOCK, columns, _BLOCK)
+    quartiles = np.quantile(np.median(blocks, axis=(1, 3)), (0.25, 0.75))
+    spread = float(np.diff(quartiles)[0]) / 2
+    requirement = f"be of a covered lens: its parts differ by at most {own:.3g} levels"
+    require(spread <= own, subject, requirement, Unquoted(f"{spread:.3g} in frame {number}"))
 
 
 def _others(clip: Clip, dark: np.ndarray | None, flats: np.ndarray | None) -> Blocks | None:

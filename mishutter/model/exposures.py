@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, takewhile
 from typing import final
@@ -24,6 +24,7 @@ from mishutter.model.sequences import (
     frames_in,
 )
 from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.windows import RectShutter
 from mishutter.model.stages import StagePath, StageUse
 from mishutter.model.velocities import AbstractVelocities
 
@@ -383,6 +384,25 @@ def _listed(words: Iterable[str]) -> str:
 def frames_of(exposures: Frames | Exposures) -> Frames:
     """The frames of exposures, which may be alone."""
     return exposures.frames if isinstance(exposures, Exposures) else exposures
+
+
+def open_frames(subject: str, exposures: Frames | Exposures) -> Frames:
+    """The frames of exposures of an open shutter, as public functions take them.
+
+    Args:
+        subject: Name of the argument, in an error.
+        exposures: `TimedFrame`s, `PlaneFrames`, or `Exposures` of either.
+    """
+    is_list = isinstance(exposures, Sequence) and not isinstance(exposures, str)
+    is_known = isinstance(exposures, FramePath | Exposures) or (
+        is_list and all(isinstance(frame, TimedFrame) for frame in exposures)
+    )
+    words = "be `TimedFrame`s, `PlaneFrames`, or `Exposures` as `best_sequence` returns them"
+    require(is_known, subject, words, exposures)
+    shutter = exposures.shutter if isinstance(exposures, Exposures) else None
+    words = "be of an open shutter: `simulate_capture` takes one exposure behind another"
+    require(shutter is None or isinstance(shutter, RectShutter), subject, words, shutter)
+    return frames_of(exposures)
 
 
 def path_for_rows(scene: Scene, exposures: Frames | Exposures) -> FramePath:

@@ -227,11 +227,8 @@ class Scene(AbstractModule):
         require(whole, "Scene(decoder_speed=...)", words, self.decoder_speed)
         is_valid = isinstance(self.given_motion, AbstractMotion | None)
         require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)
-        if self.burst is not None and all_concrete((self.sensor.readout, self.burst.frames_per_s)):
-            period, readout = 1 / float(self.burst.frames_per_s), self.sensor.readout_time
-            requirement = f"be read within the {period * 1e3:g} ms from frame to frame"
-            is_read, got = readout <= period * (1 + 1e-9), Unquoted(f"{readout * 1e3:g} ms")
-            require(is_read, "Scene(sensor=...)", requirement, got)
+        if self.burst is not None:
+            self.sensor.require_read_within("Sensor(readout=...)", self.burst)
         for doubt in self._doubts():
             warnings.warn(doubt, SceneWarning, stacklevel=3)
 

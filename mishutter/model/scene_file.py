@@ -171,11 +171,9 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     requirement = f"be 'unknown' or 'known' beside [occlusion]: {why}"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
     sensor = _of_kind(Sensor, _with_readout(file.sensor), "[sensor]", view)
-    if file.burst is not None and sensor is not None:
-        period, readout = 1e3 / file.burst.frames_per_s, sensor.readout_time * 1e3
-        requirement = f"be at most the {period:g} ms from frame to frame"
-        got = Unquoted(f"{readout:g}")
-        require(readout <= period * (1 + 1e-6), "[sensor] readout_ms", requirement, got)
+    burst = _burst(file.burst, view)
+    if burst is not None and sensor is not None:
+        sensor.require_read_within("[sensor] readout_ms", burst)
     return moving | {
         "photon_rate": photon_rate(file.light, view),
         "read_noise": read_noise_in(file.sensor),
@@ -184,7 +182,7 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
         "sensor": sensor,
         "limits": limits,
         "device": None if file.shutter is None else _device(file.shutter, view),
-        "burst": _burst(file.burst, view),
+        "burst": burst,
         "tolerances": _tolerances(file.tolerances, view),
         "occlusion": occlusion,
         "objects": _objects(file.objects, view),

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
+    Unquoted,
     all_concrete,
     as_float,
     as_numpy,
@@ -92,6 +93,21 @@ class Sensor(AbstractModule):
     def is_rolling(self) -> bool:
         """Whether its rows are known to be exposed one after another."""
         return self.readout_time > 0
+
+    def require_read_within(self, subject: str, burst: "BurstMode") -> None:
+        """Refuses a known readout that is longer than the time from frame to frame.
+
+        Args:
+            subject: Name of the readout, in the error.
+            burst: Frames of the camera.
+        """
+        if not all_concrete((self.readout, burst.frames_per_s)):
+            return
+        period, readout = 1 / float(burst.frames_per_s), self.readout_time
+        requirement = f"be at most the {1e3 * period:g} ms from frame to frame"
+        # Numbers of scenes may be those of single precision.
+        is_read, got = readout <= period * (1 + 1e-6), Unquoted(f"{1e3 * readout:g} ms")
+        require(is_read, subject, requirement, got)
 
     def row_delays(self, num_rows: int) -> Float[np.ndarray, "{num_rows}"]:
         """Times by which each row of a picture is exposed later than the middle of all rows; s.

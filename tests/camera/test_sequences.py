@@ -1,5 +1,6 @@
 """Frames of a sequence, against single captures of a displaced picture."""
 
+import inspect
 import re
 
 import jax
@@ -8,7 +9,9 @@ import pytest
 
 from mishutter import (
     ChippedShutter,
+    Exposures,
     FreeMotion,
+    HannShutter,
     Layer,
     Layers,
     ParabolicMotion,
@@ -18,10 +21,13 @@ from mishutter import (
     Sensor,
     StillCamera,
     TimedFrame,
+    exposures_psnr,
+    restore_frames,
     simulate_capture,
     simulate_frames,
 )
 from mishutter.evaluation.instants import Instants
+from mishutter.model.exposures import open_frames
 
 SCENE = Scene.uniform(max_speed=2600.0, photon_rate=7e4, read_noise=6)
 RNG = np.random.default_rng(5)
@@ -94,6 +100,37 @@ def test_all_is_seen_from_where_the_sensor_is_at_the_middle(times, places, middl
             PICTURE, SCENE, still, RectShutter(), speed=SPEED, displacement=way
         )
         np.testing.assert_allclose(capture, alone, atol=1e-4)
+
+
+FRAMES = [TimedFrame(StillCamera(half_exposure=1e-3), time) for time in (-0.01, 0.02)]
+PUBLIC = {
+    "simulate_frames(frames=...)": lambda frames: simulate_frames(PICTURE, SCENE, frames),
+    "restore_frames(frames=...)": lambda frames: (
+        restore_frames(np.tile(PICTURE, (2, 1, 1)), SCENE, frames, speed=0.0).light
+    ),
+    "exposures_psnr(exposures=...)": lambda frames: exposures_psnr(SCENE, frames),
+}
+"""The public functions that take frames, by their argument."""
+
+
+@pytest.mark.parametrize("subject", PUBLIC)
+def test_frames_are_taken_alone_and_as_exposures(subject):
+    """As `best_sequence` returns them; a shaped shutter is refused in one line."""
+    take = PUBLIC[subject]
+    alike = [take(each) for each in (FRAMES, Exposures("stills", tuple(FRAMES)))]
+    np.testing.assert_array_equal(*alike)
+    shaped = Exposures.of_one(StillCamera(half_exposure=1e-3), HannShutter())
+    with pytest.raises(ValueError, match=re.escape(f"`{subject}` must be of an open shutter")):
+        take(shaped)
+
+
+@pytest.mark.parametrize("wrong", [None, FRAMES[0], [1.0], "a"])
+def test_what_is_no_frame_is_refused(wrong):
+    """In one line, where types are not checked, as they are in tests."""
+    with pytest.raises(
+        ValueError, match="`f` must be `TimedFrame`s, `PlaneFrames`, or `Exposures`"
+    ):
+        inspect.unwrap(open_frames)("f", wrong)
 
 
 def test_a_sensor_sees_the_middle_of_a_wider_picture():

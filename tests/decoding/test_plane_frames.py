@@ -266,6 +266,14 @@ def test_a_law_says_which_velocities_occur(law, inside, outside):
 
 
 @pytest.mark.slow
+def test_frames_with_next_to_no_noise_are_restored():
+    """What rounding leaves of steps that lead nowhere is no overflow, which would be an error."""
+    scene, frames = replace(SCENE, photon_rate=1e11), frames_of("A", 4, "still")
+    picture, velocity = example_picture().light[100:164, 100:164], np.array([300.0, -200.0])
+    captures = simulate_frames(picture, scene, frames, speed=velocity)
+    assert psnr(picture, restore_frames(captures, scene, frames, speed=velocity).light) > 30
+
+
 def test_decoders_of_the_plane_restore_with_their_prior():
     """Total variation beats the linear one, as a penalty and as a denoiser of one's own."""
     captures, truth, frames = shown(size=(128, 128))

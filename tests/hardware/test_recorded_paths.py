@@ -250,6 +250,18 @@ def test_a_file_that_is_no_path_is_refused(slug, tmp_path):
         read_path(tmp_path / "path.csv", num_axes=axes)
 
 
+@pytest.mark.parametrize("heading", ["x_counts", "x (counts)", "x/counts", "stage_x_mV", "X in V"])
+def test_headings_of_places_are_read_as_those_of_times(heading, tmp_path):
+    """With their unit behind any sign; without a scale the unit is told."""
+    file = tmp_path / "path.csv"
+    file.write_text(f"time_ms,{heading}\n0,1\n1,3\n2,4\n")
+    np.testing.assert_allclose(read_path(file, scale=0.5).place, [[0.5, 1.5, 2.0]])
+    with pytest.raises(
+        ValueError, match=r"or a scale for counts and volts: .*; got (counts|mv|v)\."
+    ):
+        read_path(file)
+
+
 def test_a_path_that_misses_an_exposure_is_refused():
     """By the times of either clock, and by the samples of an exposure."""
     design = a_plane_design()

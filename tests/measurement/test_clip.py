@@ -12,7 +12,8 @@ import tifffile
 from PIL import Image
 
 import mishutter as ms
-from mishutter.measurement.clip import _gaps, clip_of, cut_off, read_levels_of
+from mishutter.measurement.clip import Levels, _gaps, clip_of, cut_off, read_levels_of
+from mishutter.measurement.noise import require_others
 from mishutter.pictures.images import PictureWarning, read_captures
 
 RNG = np.random.default_rng(4)
@@ -281,6 +282,54 @@ def test_what_does_not_go_with_the_clip_is_refused(given, line):
     """Before anything is measured."""
     with pytest.raises(ValueError, match=re.escape(line)):
         ms.measure(FRAMES, frames_per_s=47.0, **given)
+
+
+LIT = np.linspace(100, 900, 62)
+BLACK = 64 + 3 * np.random.default_rng(8).standard_normal((51, 62))
+NO_DARK = {
+    "as bright as the clip": (np.full((51, 62), 500.0), "at most at the"),
+    "a dim picture": (BLACK + 0.15 * LIT, "its parts differ by"),
+}
+
+
+@pytest.mark.parametrize("slug", NO_DARK)
+def test_a_dark_frame_is_of_a_covered_lens(slug):
+    """Its level is that of dark parts of the clip, and it has no structure; noise and glow pass."""
+    frames = BLACK + LIT * np.array([1.0, 1.01])[:, None, None]
+    clip = clip_of(np.rint(frames).astype(np.uint16), 47.0, None, 1023.0)
+    glow = BLACK + 6 * np.linspace(0, 1, 62) ** 4
+    glow[3, 5] = 1000
+    frame, line = NO_DARK[slug]
+    for dark in (BLACK, glow, np.zeros_like(BLACK)):
+        require_others(clip, {"dark": Levels(dark[None].astype(np.float32), 1023.0, True)}, None)
+    both = Levels(np.stack([BLACK, frame]).astype(np.float32), 1023.0, True)
+    with pytest.raises(ValueError, match=rf"`measure\(dark=...\)` must be of a .*{line}.* frame 2"):
+        require_others(clip, {"dark": both}, None)
+
+
+def test_files_of_other_kinds_do_not_go_together(tmp_path):
+    """A photograph in colour, or of 8 bits, is no dark frame of a clip, nor a frame of it."""
+    rng = np.random.default_rng(4)
+    pixels = {"a": (51, 62), "b": (51, 62), "colour": (51, 62, 3)}
+    for name, shape in pixels.items():
+        Image.fromarray(rng.integers(0, 255, shape).astype(np.uint8)).save(tmp_path / f"{name}.png")
+    Image.fromarray(rng.integers(0, 4000, (51, 62)).astype(np.uint16)).save(tmp_path / "deep.png")
+    both = [tmp_path / "a.png", tmp_path / "b.png"]
+    for name, kind in (("colour", "8-bit colour"), ("deep", "16-bit grey")):
+        odd = tmp_path / f"{name}.png"
+        line = rf"hold frames of one kind, 8-bit grey; got {kind} in "
+        with pytest.raises(ValueError, match=line):
+            clip_of([*both, odd], 47.0, None, None)
+        line = rf"measure\(dark=...\)` must be 8-bit grey as the clip is; got {kind}"
+        with pytest.raises(ValueError, match=line):
+            ms.measure(both, frames_per_s=47.0, dark=odd)
+
+
+def test_black_is_checked_before_the_noise_is_measured(monkeypatch):
+    """And before frames are registered."""
+    monkeypatch.setattr("mishutter.measurement.measurement.registered", None)
+    with pytest.raises(ValueError, match=r"measure\(black=...\)` must be below white, 1023"):
+        ms.measure(FRAMES, frames_per_s=47.0, black=70000.0)
 
 
 SHIPPED = {

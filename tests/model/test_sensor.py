@@ -1,11 +1,12 @@
 """The sensor: its width, in Python and in files, its noise, and when its pixels are full."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 
-from mishutter import Scene, Sensor
+from mishutter import BurstMode, Scene, Sensor
 from mishutter.model.scene import scene_text
 from mishutter.model.sensor import filling_half_exposure, noise_power
 
@@ -102,3 +103,15 @@ def test_white_fills_a_pixel_when_its_electrons_do():
     half = filling_half_exposure(900.0, np.array([2e4, 0.0]), 0.5)
     assert half[0] * 2 * 2e4 * 0.5 == pytest.approx(900.0, rel=1e-14)
     assert np.isinf(half[1])
+
+
+@pytest.mark.parametrize("rate", [7, 24, 30, 60])
+def test_rows_are_read_before_the_next_frame_is(rate):
+    """As long as from frame to frame in whatever precision; more is refused in one line."""
+    make = partial(Scene, [310.0], burst=BurstMode(frames_per_s=rate), **LIGHT)
+    assert make(sensor=Sensor(readout=np.float32(1 / rate))).sensor.is_rolling
+    line = (
+        rf"`Sensor\(readout=...\)` must be at most the {1e3 / rate:g} ms from frame to frame; got"
+    )
+    with pytest.raises(ValueError, match=line):
+        make(sensor=Sensor(readout=1.001 / rate))

@@ -15,6 +15,7 @@ from mishutter import cli
 
 _FENCE = re.compile(r"^```([\w.]*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _HERE = re.compile(r"^cat > (\S+) <<'END'\n(.*?)^END\n", re.MULTILINE | re.DOTALL)
+_NUMBER = re.compile(r"\d[\d,]*(?:\.\d+)?")
 _IMPORT = re.compile(r"^(?:from|import) (?:mishutter\.)?(torch|deepinv|scico)\b", re.MULTILINE)
 
 NOT_RUN = {
@@ -108,18 +109,36 @@ CUT = "…"
 def is_shown(shown: str, output: str) -> bool:
     """Whether a page shows what was written: every line and digit of it, but where it says so.
 
-    Blanks count once, and empty lines and rules of tables not at all.
+    Blanks count once, and empty lines and rules of tables not at all. Processors round otherwise:
+    the last of three digits or more may be the next one.
     """
     written = iter(_lines(output))
     is_cut = False
     for line in _lines(shown):
         if line == CUT:
             is_cut = True
-        elif line != next((each for each in written if each == line or not is_cut), None):
+        elif not _alike(line, next((x for x in written if not is_cut or _alike(line, x)), "")):
             return False
         else:
             is_cut = False
     return is_cut or next(written, None) is None
+
+
+def _alike(shown: str, written: str) -> bool:
+    """Whether two lines are the same but for the last of three digits or more."""
+    if _NUMBER.sub("0", shown) != _NUMBER.sub("0", written):
+        return False
+    pairs = zip(_NUMBER.findall(shown), _NUMBER.findall(written), strict=True)
+    return all(one == other or _is_next(one, other) for one, other in pairs)
+
+
+def _is_next(one: str, other: str) -> bool:
+    """Whether two numbers have the same digits but for the last of three or more, by 1."""
+    places = [len(each.partition(".")[2]) for each in (one, other)]
+    last, next_ = (int(re.sub(r"[.,]", "", each)) for each in (one, other))
+    while places == [0, 0] and last % 10 == next_ % 10 == 0:  # 3,550 is of three digits
+        last, next_ = last // 10, next_ // 10
+    return places[0] == places[1] and abs(last - next_) == 1 and min(last, next_) >= 100
 
 
 def _lines(text: str) -> list[str]:
