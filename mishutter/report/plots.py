@@ -279,6 +279,10 @@ def plot_frames(table: FrameTable) -> "Figure":
     paths = {names[end]: path for end, path in table.paths.items()}
     stage = table.design.scene.limits.stage
     _draw_exposures(axes, table.lights, paths)
+    if not paths:
+        part = "stage" if table.design.scene.limits.moves else "sensor"
+        axes.lines[0].set_label(f"{part}, at rest")
+        axes.set(ylabel=f"{part} position / px", ylim=(-1, 1))
     styles = itertools.islice(line_styles(), max(len(paths), 1), None)
     if stage is not None:
         for name, path in paths.items():

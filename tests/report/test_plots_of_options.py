@@ -151,6 +151,18 @@ def test_frames_of_a_table_are_drawn_with_what_is_sent():
         assert len(axes.patches) == len(table.lights)
 
 
+def test_stills_of_a_table_are_drawn_at_rest():
+    """A camera without a stage has a sensor, and a line at 0 is no wiggle that is magnified."""
+    still = StillCamera(half_exposure=0.003)
+    stills = Exposures("own", (TimedFrame(still, -0.01), TimedFrame(still, 0.012)))
+    for stroke, part in ((0.0, "sensor"), (45.0, "stage")):
+        design = a_burst_design(stills, Limits(max_stroke=stroke, max_half_exposure=0.02))
+        (axes,) = plot_frames(frame_table(design)).axes
+        assert [line.get_label() for line in axes.get_lines()] == [f"{part}, at rest"]
+        assert axes.get_ylabel() == f"{part} position / px"
+        assert axes.get_ylim() == (-1, 1)
+
+
 def test_a_design_in_the_plane_draws_its_path_without_its_pan():
     """About the middle of all; exposures are coloured, and velocities are those of the path."""
     pan = np.array([210.0, -90.0])
