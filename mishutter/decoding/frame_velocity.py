@@ -255,19 +255,27 @@ def velocity_of_frames(
     return _found(burst)
 
 
+def require_shared(
+    planes: Float[np.ndarray, "colours n rows columns"],
+    taken: Frames,
+    told: Float[np.ndarray, "axes"],
+) -> None:
+    """Refuses a velocity that is told at which no two frames in turn show a part in common.
+
+    They would tell nothing, on a canvas that grows with the way between them.
+    """
+    subject = "restore_frames(speed=...)"
+    places = instants_within_reach(subject, taken, told).middles(told)
+    ways = np.abs(np.diff(places, axis=1))
+    sides = np.array(planes.shape[:1:-1])[: len(ways), None]
+    requirement = "leave two frames in turn a part of the picture that both show"
+    got = Unquoted(f"{float(np.min(np.max(ways, axis=0))):.3g} px between them")
+    require(bool(np.any(np.all(ways < sides, axis=0))), subject, requirement, got)
+
+
 def _told(burst: _Burst, velocity: Float[np.ndarray, "axes"]) -> VelocityEstimate:
     """The velocity that was told, and whether the frames show one picture at it."""
-    subject = "restore_frames(speed=...)"
-    instants = instants_within_reach(subject, burst.own.taken, velocity)
-    # Pictures that share nothing tell nothing, on a canvas that grows with the way between them.
-    ways = np.abs(np.diff(instants.middles(velocity), axis=1))
-    sides = np.array(burst.grey.shape[1:])[::-1][: len(ways), None]
-    is_shared = ways.size == 0 or bool(np.any(np.all(ways < sides, axis=0)))
-    requirement = "leave two frames in turn a part of the picture that both show"
-    got = Unquoted(
-        f"{float(np.min(np.max(ways, axis=0))):.3g} px between them" if ways.size else ""
-    )
-    require(is_shared, subject, requirement, got)
+    instants_within_reach("restore_frames(speed=...)", burst.own.taken, velocity)
     velocities = np.array([velocity, *(velocity + burst.asides)])
     size = _sizes_of(burst.own)[1]
     burst = burst.steady(burst.own.level(velocities, size).fit(velocity, burst.mean))

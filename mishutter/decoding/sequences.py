@@ -23,6 +23,7 @@ from mishutter.decoding.frame_restoration import (
 )
 from mishutter.decoding.frame_velocity import (
     VelocityEstimate,
+    require_shared,
     speed_on_axis,
     velocity_of_frames,
 )
@@ -179,6 +180,8 @@ def frames_restored(
     if told is not None and count == 1:
         estimate, velocity = None, told
     else:
+        if told is not None:
+            require_shared(planes, frames, told)
         report("finding the speed" if told is None else "judging the speed", 0.0)
         find = velocity_of_frames if in_plane else speed_on_axis
         estimate = find(planes, scene, frames, times, told)
