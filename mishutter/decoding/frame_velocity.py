@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mishutter._core.checks import require
+from mishutter._core.checks import Unquoted, require
 from mishutter.camera.rows import instants_within_reach
 from mishutter.decoding.decoders.speed import BEYOND, SpeedEstimate, luminance_shares
 from mishutter.decoding.frame_doubts import (
@@ -257,7 +257,17 @@ def velocity_of_frames(
 
 def _told(burst: _Burst, velocity: Float[np.ndarray, "axes"]) -> VelocityEstimate:
     """The velocity that was told, and whether the frames show one picture at it."""
-    instants_within_reach("restore_frames(speed=...)", burst.own.taken, velocity)
+    subject = "restore_frames(speed=...)"
+    instants = instants_within_reach(subject, burst.own.taken, velocity)
+    # Pictures that share nothing tell nothing, on a canvas that grows with the way between them.
+    ways = np.abs(np.diff(instants.middles(velocity), axis=1))
+    sides = np.array(burst.grey.shape[1:])[::-1][: len(ways), None]
+    is_shared = ways.size == 0 or bool(np.any(np.all(ways < sides, axis=0)))
+    requirement = "leave two frames in turn a part of the picture that both show"
+    got = Unquoted(
+        f"{float(np.min(np.max(ways, axis=0))):.3g} px between them" if ways.size else ""
+    )
+    require(is_shared, subject, requirement, got)
     velocities = np.array([velocity, *(velocity + burst.asides)])
     size = _sizes_of(burst.own)[1]
     burst = burst.steady(burst.own.level(velocities, size).fit(velocity, burst.mean))

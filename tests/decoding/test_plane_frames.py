@@ -274,6 +274,15 @@ def test_frames_with_next_to_no_noise_are_restored():
     assert psnr(picture, restore_frames(captures, scene, frames, speed=velocity).light) > 30
 
 
+def test_a_velocity_at_which_frames_share_nothing_is_refused():
+    """At once: the canvas that holds both would grow with the way between them."""
+    captures = np.full((4, 64, 64), 0.3)
+    with pytest.raises(
+        ValueError, match=r"speed=...\)` must leave two frames in turn .* px between"
+    ):
+        restore_frames(captures, SCENE, frames_of("A", 4, "still"), speed=np.array([9e4, 300.0]))
+
+
 def test_decoders_of_the_plane_restore_with_their_prior():
     """Total variation beats the linear one, as a penalty and as a denoiser of one's own."""
     captures, truth, frames = shown(size=(128, 128))
