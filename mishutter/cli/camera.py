@@ -341,7 +341,8 @@ def print_objects(found: "RestoredFrames | None") -> None:
         across, down = each.velocity.tolist()
         size = f"{each.area:,.0f}"
         trust = "trusted" if each.trusted else f"not trusted: {each.doubt}"
-        speed = f"{across:,.4g}, {down:,.4g} +- {each.error:,.2g}"
+        known = f" +- {each.error:,.2g}" if each.error > 0 else ", as told"
+        speed = f"{across:,.4g}, {down:,.4g}{known}"
         rows.append([f"{number}", speed, size, trust])
     if rows:
         print_table("Objects found", ["", "along rows, columns / px/s", "px", ""], rows)

@@ -104,7 +104,7 @@ def test_objects_are_told_along_rows_and_columns(capsys):
     camera.print_objects(found)
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert "1 431.6, -12 +- 13 1,210 trusted" in rows
-    assert "2 -90, 3.5 +- 0 640 not trusted: dim" in rows
+    assert "2 -90, 3.5, as told 640 not trusted: dim" in rows
     first, second = camera.objects_document(found)["objects"]
     assert first["velocity_px_per_s"] == [431.6, -12.0]
     assert first["error_px_per_s"] == pytest.approx(np.sqrt(np.linalg.eigvalsh(COVARIANCE)[1]))
