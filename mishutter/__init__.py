@@ -42,6 +42,7 @@ Designs and their rivals
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
     DesignParameters          designs within the limits, for your own optimisers
+    ExposureParameters        frames within the limits, for the same
     keep_compiled_programs    keeps what is compiled for later sessions
     Outcome                   how a search ended
     SearchFailedError         a search with `throw=True` did not converge

@@ -127,6 +127,7 @@ from .report.comparison import compare as compare
 from .report.plots import plot_design as plot_design
 from .report.sweep_plots import plot_front as plot_front
 from .report.sweep_plots import plot_map as plot_map
+from .search.exposure_parameters import ExposureParameters as ExposureParameters
 from .search.parameters import DesignParameters as DesignParameters
 from .search.search import SearchFailedError as SearchFailedError
 from .search.search import optimise as optimise

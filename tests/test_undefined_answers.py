@@ -66,6 +66,16 @@ def _of_numbers(method, **others):
     return Asked(answer, (np.array(parameters.start),))
 
 
+def _of_frames():
+    limits = ms.Limits(max_stroke=30, max_acceleration=1e6, max_half_exposure=0.02)
+    burst = ms.BurstMode(frames_per_s=40, window=0.09)
+    scene = ms.Scene([0.0, 700.0], photon_rate=3e4, read_noise=5.0, limits=limits, burst=burst)
+    frames = [ms.TimedFrame(ms.LinearMotion(half_exposure=0.005, velocity=300.0), -0.03)]
+    frames += [ms.TimedFrame(ms.LinearMotion(half_exposure=0.004, velocity=-200.0), 0.01)]
+    parameters = ms.ExposureParameters(scene, frames)
+    return Asked(parameters.frames, (np.array(parameters.start),))
+
+
 def _of_motion(motion, time, speed):
     """Numbers of a motion that depend on all of it."""
     places = motion.position(time), motion.velocity_at(time), motion.alignment(speed)
@@ -254,6 +264,7 @@ METHODS = (
         "DesignParameters.loss": lambda: _of_numbers("loss"),
         "DesignParameters.loss of a profile": lambda: _of_numbers("loss", free="shutter"),
         "DesignParameters.design": lambda: _of_numbers("design"),
+        "ExposureParameters.frames": _of_frames,
         "DesignParameters.numbers": lambda: Asked(
             lambda *design: ms.DesignParameters(*DESIGN).numbers(*design), (MOTION, SHUTTER)
         ),

@@ -7,10 +7,18 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, takewhile
 from typing import final
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import Unquoted, require, require_known, three_digits
+from mishutter._core.checks import (
+    Numbers,
+    Unquoted,
+    all_concrete,
+    require,
+    require_known,
+    three_digits,
+)
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_one_axis, require_scene, require_velocities
@@ -322,8 +330,8 @@ class Exposures:
             return paths[""].use
         return self._driven.use(self._of_stage(limits))
 
-    def share_of(self, limits: Limits) -> float:
-        """Greatest share of a limit that the path of a stage takes.
+    def share_of(self, limits: Limits) -> Numbers | float:
+        """Greatest share of a limit that the path of a stage takes, which JAX may trace.
 
         Args:
             limits: Those of the stage.
@@ -335,12 +343,12 @@ class Exposures:
         pairs = (
             (use.stroke, limits.max_stroke),
             # What the camera turns by is no longer the stage's.
-            (float(use.top_speed) + float(np.linalg.norm(self._turning)), limits.max_top_speed),
+            (use.top_speed + float(np.linalg.norm(self._turning)), limits.max_top_speed),
             (use.travel, limits.max_travel),
             (acceleration, limits.max_acceleration),
         )
-        shares = (float(taken) / float(there) for taken, there in pairs if there is not None)
-        return max(shares)
+        shares = [taken / float(there) for taken, there in pairs if there is not None]
+        return float(max(shares)) if all_concrete(shares) else jnp.max(jnp.stack(shares))
 
     def with_travel(self, limits: Limits) -> "Exposures":
         """The sequence with the travel of its path within some limits.

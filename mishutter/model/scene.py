@@ -294,12 +294,18 @@ class Scene(AbstractModule):
         return made_of(Scene, {"speeds": np.linspace(low, max_speed, num_speeds)} | others)
 
     @staticmethod
-    def any_direction(velocities: AbstractVelocities | ArrayLike, **others: object) -> "Scene":
+    def any_direction(
+        velocities: AbstractVelocities | ArrayLike | None = None,
+        *,
+        max_speed: ArrayLike | None = None,
+        **others: object,
+    ) -> "Scene":
         """A scene whose things move in any direction of the picture.
 
         Args:
             velocities: Their law: `EvenVelocities`, `RingOfVelocities` or `ListedVelocities`; or a
                 number, px/s, of a disc that is filled evenly up to that speed.
+            max_speed: That number by its name, in place of the law.
             others: The other arguments of `Scene`, but for speeds and weights.
 
         Raises:
@@ -316,9 +322,14 @@ class Scene(AbstractModule):
             requirement = "be 'still'; without an occlusion every part of a picture moves"
             subject = "Occlusion(background=...)"
             require(layers.background != "moving", subject, requirement, layers.background)
-        law = velocities
+        name, law = "velocities", velocities
+        if max_speed is not None:
+            require(law is None, "Scene.any_direction(velocities=...)", "be left to max_speed", law)
+            name, law = "max_speed", max_speed
         if not isinstance(law, AbstractVelocities):
-            law = EvenVelocities(as_float(law, "Scene.any_direction(velocities=...)"))
+            subject = f"Scene.any_direction({name}=...)"
+            require(law is not None, subject, "be given, or `max_speed`", law)
+            law = EvenVelocities(as_float(law, subject))  # type: ignore[arg-type]
         along = np.array([law.axis if all_concrete(law) else 0.0])
         parts = law.components(along, 16)  # speeds that stand for the law along its axis
         own = {"speeds": parts.speeds[0], "weights": parts.weights[0], "velocities": law}

@@ -275,16 +275,15 @@ class FramePath(AbstractModule):
         Args:
             limits: Those of the stage.
         """
-        durations, velocities = self._known
+        durations, velocities = self.durations, self.velocities
+        if all_concrete((durations, velocities)):
+            durations, velocities = self._known
         most = math.inf if limits.max_acceleration is None else float(limits.max_acceleration)
-        times = [
-            float(np.linalg.norm(v, math.inf if limits.axes == "each" else 2)) / most
-            for v in (velocities[:, 0], velocities[:, -1])
-        ]
-        rest = np.zeros((len(velocities), 1))
-        durations = np.r_[times[0], durations, times[1]]
-        last = durations.size - 1
-        return Knots(durations, np.hstack([rest, velocities, rest]), None, 1, last)
+        space, kind = namespace_of(durations, velocities), math.inf if limits.axes == "each" else 2
+        first, last = (space.linalg.norm(velocities[:, end], kind)[None] / most for end in (0, -1))
+        rest, durations = 0 * velocities[:, :1], space.concatenate([first, durations, last])
+        velocities = space.concatenate([rest, velocities, rest], axis=1)
+        return Knots(durations, velocities, None, 1, durations.size - 1)
 
     @property
     def gentle_stroke(self) -> float:
@@ -298,30 +297,31 @@ class FramePath(AbstractModule):
             limits: Those of the stage.
         """
         knots = self.knots(limits)
+        space = namespace_of(knots.durations, knots.velocities)
         if len(knots.velocities) == 1:
             return knots._replace(velocities=knots.velocities[0]).use
         angles = _DIRECTIONS if limits.axes == "disc" else np.array([0.0, np.pi / 2])
         if limits.axes == "one":
-            x, y = knots.velocities[:, np.argmax(np.hypot(*knots.velocities))]
-            angles = np.array([math.atan2(y, x)])
-        units = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+            x, y = knots.velocities[:, space.argmax(space.hypot(*knots.velocities))]
+            angles = space.arctan2(y, x)[None]
+        units = space.stack([space.cos(angles), space.sin(angles)], axis=-1)
         if limits.axes == "disc":  # between two directions there may be that much more
             units = units / np.cos(_DIRECTIONS[1] / 2)
-        use = knots._replace(velocities=units @ knots.velocities).use
-        return StageUse(*(np.max(each) for each in use))
+        along = units @ knots.velocities
+        use = knots._replace(durations=knots.durations[None], velocities=along).use
+        return StageUse(*(space.max(each) for each in use))
 
-    def acceleration(self, limits: Limits) -> float:
+    def acceleration(self, limits: Limits) -> Numbers | np.floating:
         """Greatest acceleration of an axis or of both, infinite where a velocity jumps; px/s^2.
 
         Args:
             limits: Those of the stage.
         """
-        gains = np.diff(np.asarray(self.velocities))
-        size = np.linalg.norm(gains, math.inf if limits.axes == "each" else 2, axis=0)
-        d = np.asarray(self.durations)
-        if np.any(size[d == 0] > 0):
-            return math.inf
-        return float(np.max(size[d > 0] / d[d > 0], initial=0.0))
+        d, velocities = as_numpy(self.durations, self.velocities)
+        space, kind = namespace_of(d, velocities), math.inf if limits.axes == "each" else 2
+        size = space.linalg.norm(space.diff(velocities), kind, axis=0)
+        at_once = space.where(size > 0, math.inf, 0.0)
+        return space.max(space.where(d > 0, size / space.where(d > 0, d, 1.0), at_once))
 
     def stage_paths(self, limits: Limits) -> list[StagePath]:
         """The paths of the stage along each axis, each about the middle of its travel.
@@ -330,7 +330,7 @@ class FramePath(AbstractModule):
             limits: Those of the stage.
         """
         most = limits.max_acceleration
-        most = self.acceleration(limits) if most is None else float(most)
+        most = float(self.acceleration(limits) if most is None else most)
         if self.stays or not 0 < most < math.inf:
             return []
         knots, paths = self.knots(replace(limits, max_acceleration=most)), []

@@ -237,3 +237,13 @@ def test_a_mean_velocity_is_two_finite_numbers(mean):
     """An error names the argument."""
     with pytest.raises(ValueError, match=r"EvenVelocities\(mean=...\)"):
         EvenVelocities(300.0, mean=mean)
+
+
+def test_the_speed_of_a_disc_may_have_its_name():
+    """`max_speed` is the number of the disc, in place of the law and not beside it."""
+    named = Scene.any_direction(max_speed=2700.0, **LIGHT)
+    assert repr(named) == repr(Scene.any_direction(2700.0, **LIGHT))
+    with pytest.raises(ValueError, match=r"any_direction\(velocities=...\)` must be left to max"):
+        Scene.any_direction(2700.0, max_speed=2700.0, **LIGHT)
+    with pytest.raises(ValueError, match=r"any_direction\(velocities=...\)` must be given, or"):
+        Scene.any_direction(**LIGHT)
