@@ -117,7 +117,7 @@ def _scene(
 ) -> Scene:
     """The scene of a file, of its speeds along one axis or of its law in any direction."""
     if velocities is not None:
-        return Scene.any_direction(velocities, **others)
+        return Scene.any_direction(velocities, **others)  # type: ignore[arg-type]
     words = "be given, or `velocities` in any direction"
     require(speeds is not None, "scene.speeds", words, Unquoted("nothing"))
     return made_of(Scene, {"speeds": speeds, "weights": weights} | others)

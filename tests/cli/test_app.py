@@ -160,7 +160,7 @@ DESIGNS = {
     "a-list": ("[1, 2]", "must be a design saved by mishutter; got"),
     "another-file": ('{"name": "x"}', "must be a design saved by mishutter; got"),
     "another-version": ('{"format": 99}', "must be of design format 2; got"),
-    "incomplete": ('{"format": 2}', "design.json: `shutter` must be given; got nothing"),
+    "incomplete": ('{"format": 2}', "design.json: `scene` must be given; got nothing"),
     "brackets-without-end": ("[" * 100_000, "must be a JSON file; got: brackets nested too"),
     "digits-without-end": ('{"format": 1' + "0" * 5000 + "}", "must be a JSON file; got: Exceeds"),
 }

@@ -350,7 +350,7 @@ NAMES = ['my "own".png', r"C:\new\u0041.png", "\u00e9t\u00e9.png"]
 def test_a_recipe_writes_the_scene_with_any_name_of_a_photograph(name, tmp_path, monkeypatch):
     """Quotes and backslashes of TOML reach the file through the Python program."""
     scene = TABLES | {"picture": {"path": name}}
-    program = sessions._python(sessions.scene_text(scene), None)
+    program = sessions._python(sessions.scene_text(scene), None, in_plane=False)
     monkeypatch.chdir(tmp_path)
     # The part that searches takes seconds, and reads the file as any scene.
     writes = program[program.index("Path(") : program.index("scene = Scene")]
