@@ -316,7 +316,9 @@ class Design:
         """
         design = Design.load(path)
         got = Unquoted("a design of frames alone")
-        require(design.one is not None, str(path), "be a design of one exposure", got)
+        require(
+            design.one is not None, str(path), "be a design of one exposure along one axis", got
+        )
         return design
 
     def write_profile(self, path: str | Path) -> None:

@@ -141,7 +141,10 @@ def test_a_command_along_one_axis_refuses_it(tmp_path, capsys):
     """`compare` names the file and what it holds."""
     a_plane_design().save(tmp_path / "plane.json")
     line = refused(capsys, "compare", "--design", str(tmp_path / "plane.json"))
-    assert "plane.json` must be a design of one exposure; got a design of frames alone" in line
+    assert (
+        "plane.json` must be a design of one exposure along one axis; got a design of frames alone"
+        in line
+    )
 
 
 OF_ONE = (*(each.name for each in fields(OneExposure)), "metrics", "levels", "command", "converged")
