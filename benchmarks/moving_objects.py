@@ -89,13 +89,7 @@ def measured(seed: int, light: tuple[float, float]) -> list[dict]:
     def level(light: np.ndarray) -> float:
         return decibels(np.mean((np.clip(light, 0, 1) - each.truth)[inner] ** 2))
 
-    scene = ms.Scene.uniform(
-        max_speed=FASTEST,
-        photon_rate=rate,
-        read_noise=read_noise,
-        occlusion=ms.Occlusion(front_share=each.share, object_width=each.width),
-        decoder_speed="known",
-    )
+    scene = each.wide(FASTEST, rate, read_noise)
     with tempfile.TemporaryDirectory() as folder:
         own = each.scene(Path(folder))
     own = replace(own, photon_rate=scene.photon_rate, read_noise=scene.read_noise)

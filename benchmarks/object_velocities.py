@@ -13,7 +13,7 @@ import numpy as np
 
 import mishutter as ms
 from benchmarks import harness
-from benchmarks.strips import FASTEST, RATE, READ_NOISE, layered, stills
+from benchmarks.strips import FASTEST, layered, stills
 from mishutter.decoding.objects.finding import found_in
 from mishutter.decoding.objects.readout import Readout
 from mishutter.decoding.objects.restored import knowledge_of, stills_of
@@ -36,13 +36,7 @@ that is stated, in the median of both, and the former over the latter.
 def measured(seed: int, order: tuple[int, ...]) -> dict:
     """Errors of the velocities found in one scene, and those that are stated; px/s."""
     each, frames = layered(seed), stills(order)
-    scene = ms.Scene.uniform(
-        max_speed=FASTEST,
-        photon_rate=RATE,
-        read_noise=READ_NOISE,
-        occlusion=ms.Occlusion(front_share=each.share, object_width=each.width),
-        decoder_speed="known",
-    )
+    scene = each.wide(FASTEST)
     key = jax.random.key(seed)
     taken = np.asarray(ms.simulate_frames(each.layers, scene, frames, key=key))[..., 0]
     grey, _ = stills_of(taken[None], scene, frames, Readout.of(GLOBAL))

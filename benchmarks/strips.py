@@ -94,14 +94,15 @@ class Layered(NamedTuple):
         (folder / "scene.toml").write_text(text, encoding="utf-8")
         return ms.Scene.load(folder / "scene.toml")
 
-    @property
-    def wide(self) -> ms.Scene:
+    def wide(
+        self, fastest: float = 1140.0, rate: float = RATE, read_noise: float = READ_NOISE
+    ) -> ms.Scene:
         """The scene of a camera that knows the greatest speed alone."""
         covered = ms.Occlusion(front_share=self.share, object_width=self.width)
-        numbers = {"photon_rate": RATE, "read_noise": READ_NOISE, "occlusion": covered}
+        numbers = {"photon_rate": rate, "read_noise": read_noise, "occlusion": covered}
         if self.in_plane:
-            return ms.Scene.any_direction(1140.0, **numbers)
-        return ms.Scene.uniform(max_speed=1140.0, decoder_speed="known", **numbers)
+            return ms.Scene.any_direction(fastest, **numbers)
+        return ms.Scene.uniform(max_speed=fastest, decoder_speed="known", **numbers)
 
     def stills(self, order: tuple[int, ...]) -> Any:
         """Stills of some exposures, ms, one a period or as they end."""
@@ -167,12 +168,12 @@ def measured(group: str, seed: int, *, finds: bool) -> list[dict[str, Any]]:
         scene = each.scene(Path(folder))
         for order in ORDERS:
             frames, key = each.stills(order), jax.random.key(seed)
-            taken = np.asarray(ms.simulate_frames(each.layers, each.wide, frames, key=key))
+            taken = np.asarray(ms.simulate_frames(each.layers, each.wide(), frames, key=key))
             row = {"group": group, "seed": seed, "order": ", ".join(map(str, order))}
             row["level"] = float(ms.exposures_psnr(scene, frames))
             for way in ways:
                 speed: Any = each.speeds if way == "told" else None
-                light = np.asarray(ms.restore_frames(taken, each.wide, frames, speed=speed).light)
+                light = np.asarray(ms.restore_frames(taken, each.wide(), frames, speed=speed).light)
                 row[way] = decibels(np.mean((np.clip(light[..., 0], 0, 1) - each.truth) ** 2))
             rows.append(row)
     return rows

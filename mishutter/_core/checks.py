@@ -22,7 +22,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, PyTree
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 _Tree = TypeVar("_Tree")
 _Kind = TypeVar("_Kind")
@@ -155,6 +155,14 @@ def require_finite(subject: str, value: RowLike) -> None:
             first = tuple(np.argwhere(~finite)[0].tolist())
             got = Unquoted(f"{array[first]} at {list(first)}")
         require(bool(np.all(finite)), subject, "be finite", got)
+
+
+def row_of(subject: str, value: RowLike, size: int) -> Float[Array, "{size}"]:
+    """Numbers of an optimiser as a row of some size, finite where they are known."""
+    row = as_float(value, subject)
+    require(row.shape == (size,), subject, f"have shape {(size,)}", shape_of(row))
+    require_finite(subject, row)
+    return row
 
 
 def require_at_least(

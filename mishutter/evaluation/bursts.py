@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import require, require_known
+from mishutter._core.checks import Numbers, namespace_of, require, require_known
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.exposures import Exposures, exposures_in_plane
 from mishutter.model.motion import StillCamera
@@ -59,6 +59,10 @@ class FrameTimes(NamedTuple):
     def period_of(self, exposure: float) -> float:
         """Least time from the end of a frame to that of one of some exposure."""
         return max(self.period, exposure + self.dead_time)
+
+    def least_pauses(self, exposures: Float[Numbers, "n"]) -> Float[Numbers, "n-1"]:
+        """Least time from the end of each of some frames to the begin of the next."""
+        return namespace_of(exposures).maximum(self.dead_time, self.period - exposures[1:])
 
     def longest_of(self, num_frames: int, beside: float = 0.0) -> float:
         """Longest exposure of each of some frames, where others beside them take their time."""

@@ -93,16 +93,16 @@ def exposures_psnr(
             if numbers are traced.
     """
     require_scene(scene, in_plane=True)
-    caller, error = "exposures_psnr", 0.0
+    caller, frames, error = "exposures_psnr", exposures, 0.0
     if not isinstance(exposures, Instants):
-        open_frames(f"{caller}(exposures=...)", exposures)
+        frames = open_frames(f"{caller}(exposures=...)", exposures)
     for share, instants in rows_of(scene, exposures, caller, lights, num_panels):
         fan = fan_of(scene, instants, grid)
         if num_panels is not None:
             speeds = components_on(scene, fan, grid.num_speeds).speeds
             instants = instants.held(speeds, f"{caller}(num_panels=...)", num_panels)
         error += share * left(scene, instants, fan, grid.num_speeds)
-    return psnr_of(error, common_dtype(_alone(exposures)))
+    return psnr_of(error, common_dtype(frames))
 
 
 def rows_of(

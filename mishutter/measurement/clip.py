@@ -275,15 +275,13 @@ def _of_file(path: Path, subject: str, most: int | None) -> Levels:
         words += [_first(most)] if stack.has_more else []
         return levels._replace(words=tuple(words), kind=_kind_of(levels.full, is_grey=True))
     pages = decoded_pages(path, most)
-    words, planes, kinds = [], [], []
+    words, planes, greys = [], [], []
     for page in pages:
         colour = page.colour
         is_grey = colour.shape[2] == 1 or np.array_equal(colour[..., 0], colour[..., 1])
         if not is_grey:
             words.append("frames are in colour: their green is measured")
-        # Black alone has the same level in all colours too.
-        is_one = colour.shape[2] == 1 or (is_grey and bool(colour.min() < colour.max()))
-        kinds.append(_kind_of(page.full, is_grey=is_one))
+        greys.append(is_grey)
         # Green levels are interpolated no more than others.
         planes.append(colour[..., 0 if is_grey else 1].astype(np.float32))
     frames = np.stack(planes)
@@ -297,8 +295,11 @@ def _of_file(path: Path, subject: str, most: int | None) -> Levels:
         )
     if len(pages) == most and pages[-1].has_more:
         words.append(_first(most))
-    is_whole = pages[0].colour.dtype.kind == "u"
-    return Levels(frames, pages[0].full, is_whole, tuple(words), kind=kinds[0])
+    first, full = pages[0].colour, pages[0].full
+    # Black alone has the same level in all colours too.
+    is_one = first.shape[2] == 1 or (greys[0] and bool(first.min() < first.max()))
+    kind = _kind_of(full, is_grey=is_one)
+    return Levels(frames, full, first.dtype.kind == "u", tuple(words), kind=kind)
 
 
 def _kind_of(full: float, *, is_grey: bool) -> str:

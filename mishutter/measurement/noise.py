@@ -223,18 +223,29 @@ def require_others(clip: Clip, others: Mapping[str, Levels], black: float | int 
     if black is not None:
         fits = np.isfinite(black) and black < clip.white
         require(bool(fits), "measure(black=...)", f"be below white, {clip.white:g}", black)
-    for number, frame in enumerate(others["dark"].frames if "dark" in others else (), 1):
-        _require_dark(clip, frame, number)
+    if "dark" in others:
+        low, high = np.quantile(np.mean(clip.frames, axis=0), (0.1, 0.99)).tolist()
+        # Black drifts a little; where a sensor glows or rows differ there is structure of its own.
+        least = max(clip.step, _STRUCTURE * (high - low))
+        for number, frame in enumerate(others["dark"].frames, 1):
+            _require_dark(frame, number, low, least)
 
 
-def _require_dark(clip: Clip, frame: Float[np.ndarray, "rows columns"], number: int) -> None:
-    """Refuses a dark frame that has seen light: more than dark parts of the clip, or structure."""
+def _require_dark(
+    frame: Float[np.ndarray, "rows columns"], number: int, low: float, least: float
+) -> None:
+    """Refuses a dark frame that has seen light: more than dark parts of the clip, or structure.
+
+    Args:
+        frame: The frame.
+        number: Its number, for an error.
+        low: Level of dark parts of the clip.
+        least: Difference from black that counts for nothing, beside noise.
+    """
     subject, level = "measure(dark=...)", float(np.median(frame))
-    low, high = np.quantile(np.mean(clip.frames, axis=0), (0.1, 0.99)).tolist()
     steps = np.diff(frame, axis=1)
     noise = 1.4826 * float(np.median(np.abs(steps - np.median(steps)))) / np.sqrt(2)
-    # Black drifts a little; a sensor that glows, or whose rows differ, has structure of its own.
-    own = max(noise, clip.step, _STRUCTURE * (high - low))
+    own = max(noise, least)
     requirement = f"be of a covered lens: at most at the {low + own:.4g} of dark parts of the clip"
     got = Unquoted(f"{level:.4g} in frame {number}")
     require(level <= low + own, subject, requirement, got)

@@ -15,11 +15,9 @@ from mishutter._core.checks import (
     Numbers,
     RowLike,
     as_float,
-    namespace_of,
     require,
-    require_finite,
     require_known,
-    shape_of,
+    row_of,
 )
 from mishutter._core.modules import AbstractModule
 from mishutter.evaluation.bursts import FrameTimes
@@ -79,6 +77,7 @@ class ExposureParameters(AbstractModule):
 
     scene: Scene
     start: Float[Array, "size"]
+    camera: FrameTimes = eqx.field(static=True)  # When it may expose frames
     # Of the pieces of each frame and of the time to the next one in turn: their shares of it
     shares: tuple[tuple[float, ...], ...] = eqx.field(static=True)
     num_axes: int = eqx.field(static=True)
@@ -105,16 +104,17 @@ class ExposureParameters(AbstractModule):
         ends = np.stack([begin, end], axis=-1).ravel()
         knots, self.shares = _pieces(ends, path.bends)
         self.scene, self.num_axes = scene, path.num_axes
+        self.camera = camera = FrameTimes.of(scene, scene.burst)  # type: ignore[arg-type]
         self.unit = float(limits.max_stroke) / float(np.max(lit))
         instants = instants_of(scene, path, "ExposureParameters")
         self.num_panels = math.ceil(1.5 * instants.time.shape[1] / NODES)
-        camera, least = self._camera, np.full(lit.size, self._camera.shortest)
+        least = np.full(lit.size, camera.shortest)
         requirement = f"be so few that {camera.window:.4g} s hold them"
         fits = float(self._duration(least, np.zeros(lit.size - 1))) <= camera.window
         require(fits, subject, requirement, lit.size)
         share = (lit - least) / max(camera.longest - camera.shortest, math.ulp(1.0))
         share = np.clip(share, _NEAREST, 1 - _NEAREST)
-        pauses = (begin[1:] - end[:-1] - self._least_pauses(lit)) / camera.period
+        pauses = (begin[1:] - end[:-1] - camera.least_pauses(lit)) / camera.period
         velocities = [np.interp(knots, path.bends, along) for along in np.asarray(path.velocities)]
         parts = (
             np.log(share / (1 - share)),
@@ -142,11 +142,8 @@ class ExposureParameters(AbstractModule):
         Raises:
             ValueError: if they are of another shape, or known and not finite.
         """
-        subject = "ExposureParameters.frames(numbers=...)"
-        row = as_float(numbers, subject)
-        require(row.shape == (self.size,), subject, f"have shape {(self.size,)}", shape_of(row))
-        require_finite(subject, row)
-        count, camera = self.num_frames, self._camera
+        row = row_of("ExposureParameters.frames(numbers=...)", numbers, self.size)
+        count, camera = self.num_frames, self.camera
         lit, pauses, velocities = jnp.split(row, [count, 2 * count - 1])
         beyond = (camera.longest - camera.shortest) * jax.nn.sigmoid(lit)
         pauses = camera.period * jnp.exp(pauses)
@@ -156,7 +153,7 @@ class ExposureParameters(AbstractModule):
         share = (camera.window - least) / jnp.where(is_short, 1.0, whole - least)
         share = jnp.where(is_short, 1.0, share)
         lit, pauses = camera.shortest + share * beyond, share * pauses
-        pauses = pauses + self._least_pauses(lit)
+        pauses = pauses + camera.least_pauses(lit)
         parts = jnp.zeros(2 * count - 1, row.dtype).at[::2].set(lit).at[1::2].set(pauses)
         times = jnp.cumsum(parts)[::2] - lit / 2 - jnp.sum(parts) / 2
         each = zip(parts, self.shares, strict=True)
@@ -178,18 +175,9 @@ class ExposureParameters(AbstractModule):
             -exposures_psnr(self.scene, self.frames(numbers), num_panels=self.num_panels)
         )
 
-    @property
-    def _camera(self) -> FrameTimes:
-        """When the camera may expose frames."""
-        return FrameTimes.of(self.scene, self.scene.burst)  # type: ignore[arg-type]
-
-    def _least_pauses(self, lit: Numbers) -> Numbers:
-        """Least time from the end of each frame to the next; s."""
-        return namespace_of(lit).maximum(self._camera.dead_time, self._camera.period - lit[1:])
-
     def _duration(self, lit: Numbers, pauses: Numbers) -> Numbers | np.floating:
         """Time of all frames, where pauses are beyond the least ones; s."""
-        return lit.sum() + (self._least_pauses(lit) + pauses).sum()
+        return lit.sum() + (self.camera.least_pauses(lit) + pauses).sum()
 
 
 def _pieces(

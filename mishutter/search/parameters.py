@@ -11,9 +11,8 @@ from mishutter._core.checks import (
     RowLike,
     as_float,
     require,
-    require_finite,
     require_known,
-    shape_of,
+    row_of,
 )
 from mishutter._core.modules import AbstractModule
 from mishutter.evaluation.losses import LossFunction, as_loss
@@ -118,10 +117,7 @@ class DesignParameters(AbstractModule):
         Raises:
             ValueError: if they are of another shape, or known and not finite.
         """
-        subject = "DesignParameters.design(numbers=...)"
-        row = as_float(numbers, subject)
-        require(row.shape == (self.size,), subject, f"have shape {(self.size,)}", shape_of(row))
-        require_finite(subject, row)
+        row = row_of("DesignParameters.design(numbers=...)", numbers, self.size)
         shutter, motion = self.space.at(jax.nn.sigmoid(row))
         if self._pans_as_it_did:
             motion = motion.panned(self.velocity)
