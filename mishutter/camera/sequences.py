@@ -93,6 +93,7 @@ def simulate_frames(
             layers, it is no velocity for frames in the plane or is one for others, the sensor is
             larger than the picture, or light is displaced by more than 8,192 px.
     """
+    require_scene(scene, in_plane=True)
     frames = open_frames("simulate_frames(frames=...)", frames)
     require_scene(scene, in_plane=isinstance(frames, PlaneFrames))
     require_known("simulate_frames", speed=speed, frames=frames)

@@ -128,6 +128,7 @@ def restore_frames(
         >>> print(f"{found.estimate.speed:.1e} px/s, {found.estimate.trusted}")
         7.0e+02 px/s, True
     """
+    require_scene(scene, in_plane=True)
     frames = open_frames("restore_frames(frames=...)", frames)
     require_scene(scene, in_plane=isinstance(frames, PlaneFrames))
     require_known("restore_frames", captures=captures, speed=speed)

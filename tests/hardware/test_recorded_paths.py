@@ -87,7 +87,7 @@ def test_the_noise_of_an_encoder_is_averaged():
     path = recorded(stage_paths(design), count=10_000, noise=0.1)
     built, apart = with_recorded_path(design, path, middle=CLOCK)
     assert apart.rms < 1 / 20
-    levels = [float(ms.exposures_psnr(design.scene, x.frames)) for x in (design, built)]
+    levels = [float(ms.exposures_psnr(design.scene, x.sequence)) for x in (design, built)]
     assert levels[1] == pytest.approx(levels[0], abs=0.01)
 
 
