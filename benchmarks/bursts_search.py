@@ -61,9 +61,9 @@ those told by {error:.0e} dB at most, and no sampled path takes more than {share
 {table}
 """
 
-KEPT = """In {count} scenes the end of the long search is that of an earlier run, as the level of
-the package is the same there to {same} dB and the long search was {large} dB better at most; no time
-is given for these.
+KEPT = """In {count} scenes the end of the long search is that of an earlier run: the level of
+the package there is the same to {same} dB, and the long search was {large} dB better at most; no
+time is given for these.
 """
 
 
