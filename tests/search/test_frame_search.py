@@ -341,6 +341,34 @@ def test_ever_fewer_frames_are_tried_while_they_are_as_good(
     np.testing.assert_allclose(shares, 1 - np.array(tried) / 17)
 
 
+@pytest.mark.parametrize(
+    ("is_free", "most", "best", "tried"),
+    [
+        (True, 64, 64, [64, 51, 24]),
+        (True, 64, 40, [64, 51, 40, 32, 24]),
+        (True, 25, 25, [25, 24]),
+        (True, 64, 24, [64, 51, 40, 32, 25, 24, 19]),
+        (False, 64, 64, [64, 51]),
+        (False, 25, 25, [25, 20]),
+    ],
+)
+def test_frames_that_share_numbers_are_compared_with_fewer_that_do_not(
+    is_free, most, best, tried, levels, room, monkeypatch
+):
+    """Whatever the level of the former; 24 frames are the most that have numbers of their own."""
+    seen = []
+
+    def of_number(self, count):
+        seen.append(count)
+        return [End(FREE, _frames(1, 1), 30 - abs(count - best))]
+
+    monkeypatch.setattr(Search, "_of_number", of_number)
+    monkeypatch.setattr(Search, "_beside", lambda self, every: [])
+    search = Search(levels, room, lambda shape: [], lambda count: 1, lambda count: (), is_free)
+    search.ends([*range(1, most + 1)], lambda share: None)
+    assert seen == tried
+
+
 def test_free_frames_begin_with_flights_back_and_with_one_long_exposure(levels, room, monkeypatch):
     """And with the best of the other ways; frames at rest are in the middle of the stroke."""
     ties = [STILLS, SWEEP, BRACKETED, ALTERNATING, FOLLOW, PAN]
