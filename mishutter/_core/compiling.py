@@ -165,9 +165,9 @@ def _programs() -> list[float]:
     """Times that programs take, s; one is added to the list for each."""
     times: list[float] = []
 
-    def add(event: str, time: float, **others: str | int) -> None:
+    def add(event: str, duration_secs: float, **kwargs: str | int) -> None:
         if event == _COMPILATION:
-            times.append(time)
+            times.append(duration_secs)
 
     jax.monitoring.register_event_duration_secs_listener(add)
     return times
