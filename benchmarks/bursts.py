@@ -32,7 +32,7 @@ from benchmarks.frames import alternating_frames, panned_frames, sine_frames, sw
 from mishutter import BurstMode, FreeMotion, Limits, Scene, TimedFrame
 from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.needs import Plan, sizes
-from mishutter.evaluation.sequences import loss_of_width, registration
+from mishutter.evaluation.registration import loss_of_width, registration
 
 TOP_SPEED, TRAVEL = 4500.0, 110.0
 """Of the objects, px/s; of the stage over the burst, px."""

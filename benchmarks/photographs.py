@@ -16,7 +16,7 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.scenes import scenes
 from mishutter.decoding.decoders.base import blur_model
-from mishutter.decoding.restoration import restored_light
+from mishutter.decoding.deconvolution import restored_light
 from mishutter.model.motion import AbstractMotion, steady
 from mishutter.pictures.images import shipped_picture
 

@@ -16,9 +16,9 @@ from opening import LETTERS, ROWS, show  # noqa: E402
 
 from mishutter import BurstMode, TotalVariationDecoder, example_picture, example_scene  # noqa: E402
 from mishutter.decoding.image_quality import psnr  # noqa: E402
-from mishutter.decoding.restoration import behind_optics  # noqa: E402
-from mishutter.decoding.simulation import capture_and_restore  # noqa: E402
-from mishutter.search.sequences import best_bursts  # noqa: E402
+from mishutter.decoding.photographs import behind_optics  # noqa: E402
+from mishutter.decoding.restoration import capture_and_restore  # noqa: E402
+from mishutter.search.bursts import best_bursts  # noqa: E402
 
 SPEED, RATE, MOST = 3000.0, 60.0, 4
 """Of the picture, px/s; of the camera's frames, 1/s; of frames in a burst."""

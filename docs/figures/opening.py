@@ -20,9 +20,9 @@ from mishutter import (  # noqa: E402
     restore_photograph,
 )
 from mishutter.decoding.image_quality import psnr  # noqa: E402
-from mishutter.decoding.restoration import behind_optics  # noqa: E402
-from mishutter.decoding.simulation import capture_and_restore  # noqa: E402
-from mishutter.search.sequences import best_bursts  # noqa: E402
+from mishutter.decoding.photographs import behind_optics  # noqa: E402
+from mishutter.decoding.restoration import capture_and_restore  # noqa: E402
+from mishutter.search.bursts import best_bursts  # noqa: E402
 
 ROWS, COLUMNS = slice(80, 400), slice(305, 425)
 """Rows of the photograph that are captured, and columns of the detail."""

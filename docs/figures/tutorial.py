@@ -13,7 +13,7 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 from mishutter import Design, example_picture  # noqa: E402
-from mishutter.decoding.simulation import capture_and_restore  # noqa: E402
+from mishutter.decoding.restoration import capture_and_restore  # noqa: E402
 from mishutter.pictures.images import to_display  # noqa: E402
 from mishutter.report.plots import new_figure, save_figure  # noqa: E402
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from mishutter.camera.capture import distinct_colours, every_colour
 from mishutter.camera.responses import aperture_on, frequencies_on, waves_of
 from mishutter.camera.rows import MARGIN, Planes, instants_within_reach, nodes_of, window_of
+from mishutter.model.frame_path import PlaneFrames
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import PlaneFrames
 
 
 def exposed_in_plane(

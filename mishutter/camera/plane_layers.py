@@ -28,9 +28,9 @@ from mishutter.camera.rows import (
     rfftn,
 )
 from mishutter.evaluation.instants import Instants
+from mishutter.model.frame_path import PlaneFrames
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import PlaneFrames
 
 _BOTH = (-2, -1)
 _APART = 4

@@ -24,9 +24,9 @@ from mishutter._core.checks import (
     require_positive_int,
 )
 from mishutter.evaluation.instants import Instants
+from mishutter.model.frame_path import Frames, frames_in
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import Frames, frames_in
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
 irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]

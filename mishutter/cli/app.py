@@ -196,9 +196,9 @@ def optimise(
 ) -> None:
     """Find the best exposures, sensor motion and shutter for a scene, beside simpler cameras."""
     start_jax()
+    from mishutter.search.bursts import shown_bursts
     from mishutter.search.rivals import RivalSearch
     from mishutter.search.search import optimise as search
-    from mishutter.search.sequences import shown_bursts
 
     scene = scene_of(scene_file)
     if scene.velocities is not None:

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from mishutter.camera.footage import Footage
     from mishutter.camera.layers import Layers
-    from mishutter.decoding.sequences import RestoredFrames
-    from mishutter.decoding.simulation import Estimate, Simulation
+    from mishutter.decoding.restoration import Estimate, Simulation
+    from mishutter.decoding.restored_frames import RestoredFrames
     from mishutter.design.design import Design
     from mishutter.model.scene import Scene
     from mishutter.pictures.images import Picture
@@ -218,7 +218,7 @@ def _simulated(
     """The records of a subject, by the names of their files, and the picture restored from them."""
     from mishutter.camera.footage import Footage
     from mishutter.camera.layers import Layers
-    from mishutter.decoding.simulation import capture_and_restore
+    from mishutter.decoding.restoration import capture_and_restore
 
     if camera.sequence is None:
         result = capture_and_restore(subject, scene, camera.exposures, **settings)

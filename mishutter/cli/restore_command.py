@@ -43,7 +43,7 @@ from mishutter.cli.options import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from mishutter.decoding.simulation import Estimate
+    from mishutter.decoding.restoration import Estimate
     from mishutter.design.design import Design
     from mishutter.hardware.recorded_paths import PathDifference
     from mishutter.model.exposures import Exposures
@@ -178,8 +178,8 @@ def restore(
     objects are found in them, with their velocities, and restored one by one.
     """
     start_jax()
-    from mishutter.decoding.sequences import shows_objects
-    from mishutter.decoding.simulation import restored_capture
+    from mishutter.decoding.restoration import restored_capture
+    from mishutter.decoding.restored_frames import shows_objects
     from mishutter.pictures.images import read_captures, read_labels, write_picture
     from mishutter.report.objects import write_objects
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name

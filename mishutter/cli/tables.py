@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
-    from mishutter.decoding.restoration import RestoredPhotograph
+    from mishutter.decoding.photographs import RestoredPhotograph
     from mishutter.model.decoder_speeds import DecoderSpeed
     from mishutter.report.documents import Report
 

@@ -43,9 +43,9 @@ from mishutter.decoding.rolling import (
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
 from mishutter.model.exposures import path_for_rows
+from mishutter.model.frame_path import Frames, frames_in
 from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, power_on_grid
-from mishutter.model.sequences import Frames, frames_in
 from mishutter.pictures.registration.windows import means
 
 ROUGHLY = 3e-2

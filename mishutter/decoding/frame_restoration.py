@@ -22,6 +22,7 @@ from mishutter.decoding.decoders.base import AbstractDecoder, CompleteFrames, bl
 from mishutter.decoding.decoders.linear import LEAST_POWER, EnsembleDecoder
 from mishutter.decoding.decoders.plug_and_play import Misfit, PlugAndPlayDecoder
 from mishutter.decoding.decoders.total_variation import TotalVariationDecoder, advanced
+from mishutter.decoding.deconvolution import restored_light
 from mishutter.decoding.frame_likelihood import Level, Own, Prior, exposures_of
 from mishutter.decoding.likeliest import (
     SETTLED,
@@ -31,10 +32,9 @@ from mishutter.decoding.likeliest import (
     electrons_of,
     noises_of,
 )
-from mishutter.decoding.restoration import restored_light
 from mishutter.decoding.rolling import RowTimes
+from mishutter.model.frame_path import Frames, PlaneFrames, TimedFrame
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import Frames, PlaneFrames, TimedFrame
 from mishutter.model.shutters.windows import RectShutter
 
 Decode = Callable[[Likeliest, float], np.ndarray]

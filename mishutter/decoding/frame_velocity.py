@@ -39,9 +39,9 @@ from mishutter.decoding.frame_likelihood import (
 )
 from mishutter.decoding.likeliest import TOLERANCE, Fit, fit_of, noises_of
 from mishutter.decoding.rolling import GLOBAL, ROUGH_SHARE, RowTimes
+from mishutter.model.frame_path import Frames, PlaneFrames
 from mishutter.model.scene import Scene, require_velocities
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import Frames, PlaneFrames
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.pictures.registration.windows import means
 

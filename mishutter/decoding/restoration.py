@@ -1,428 +1,382 @@
-"""A photograph captured and restored at every speed, and the quality of the result."""
+"""A picture restored from what a camera has taken, however large, a few rows at a time."""
 
-import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Shaped
+from jaxtyping import Array, ArrayLike
 
 from mishutter._core.checks import (
-    as_float,
+    RowLike,
     require,
-    require_finite,
     require_key,
     require_positive_int,
     shape_of,
 )
-from mishutter._core.compiling import compiled
-from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
 from mishutter.camera.capture import (
     as_pixels,
     as_radiance,
-    blurred_at_speeds,
     distinct_colours,
-    every_colour,
-    kernel_layout,
-    noisy,
-    through_optics,
+    require_alike_rows,
+    simulate_capture,
 )
-from mishutter.camera.noise import fixed_key
-from mishutter.camera.rows import Planes, channels_last, rows_last
+from mishutter.camera.captured_frames import require_speed, simulate_frames
+from mishutter.camera.footage import Footage
+from mishutter.camera.layers import Layers
+from mishutter.camera.rows import rows_last
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_model
-from mishutter.decoding.decoders.linear import (
-    decoder_or_ensemble,
-    expected_squared_error,
-    squared_error_of,
+from mishutter.decoding.decoders.linear import decoder_or_ensemble
+from mishutter.decoding.decoders.speed import SpeedEstimate
+from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
+from mishutter.decoding.deconvolution import portions, restored_light
+from mishutter.decoding.frame_velocity import VelocityEstimate
+from mishutter.decoding.objects.restored import Known
+from mishutter.decoding.photographs import RestoredPhotograph, behind_optics, errors_of, levels_of
+from mishutter.decoding.restored_frames import (
+    Progress,
+    RestoredFrames,
+    frames_restored,
+    shows_objects,
 )
-from mishutter.decoding.decoders.speed_finding import decoder_of, informed
-from mishutter.decoding.image_quality import psnr
-from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, SpeedKnowledge
+from mishutter.design.design import Design
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
 from mishutter.evaluation.views import sensor_view
-from mishutter.model.decoder_speeds import DecoderSpeed
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.pictures.images import Axis, Picture, pixels_along, transposed
+from mishutter.model.shutters.windows import RectShutter
+from mishutter.pictures.images import Axis, Picture, transposed
+
+Estimate = SpeedEstimate | VelocityEstimate
+_ROWS_AT_ONCE = 128
+"""Rows of a portion, which keep the memory of its work to some tens of megabytes."""
 
 
-class RestoredPhotograph(NamedTuple):
-    """A photograph captured and restored at several speeds."""
-
-    speeds: Float[np.ndarray, "s"]  # Speeds of the picture; px/s
-    # PSNR of gamma-coded values, mean over noise seeds, inside the borders; dB
-    psnr: Float[np.ndarray, "s"]
-    # The same in linear light: of the mean squared error over seeds; dB
-    linear_psnr: Float[np.ndarray, "s"]
-    standard_error: Float[np.ndarray, "s"]  # Standard error of `psnr` over the seeds; dB
-    linear_standard_error: Float[np.ndarray, "s"]  # That of `linear_psnr`
-    mean_psnr: float  # Weighted over speeds: PSNR of the mean squared error, linear light; dB
-    # PSNR that the ensemble filter is expected to reach on captures of pictures with the scene's
-    # spectrum, over the scene's speeds, if it knows of the speed as much as the scene's
-    # `decoder_speed` says; linear light, dB
-    expected_psnr: float
-    # The same of pictures with the spectrum and the mean of this one, in the columns over which
-    # errors are taken, at each speed; it differs from `expected_psnr` as one photograph does from
-    # another; dB
-    own_expected_psnr: Float[np.ndarray, "s"]
-    # The picture as a perfect decoder would restore it
-    reference: Float[np.ndarray, "rows columns channels"]
-    captured: Float[np.ndarray, "s rows columns channels"]  # Light as recorded, first seed
-    restored: Float[np.ndarray, "s rows columns channels"]  # Light restored, first seed
-    # Why the speed that was found at each speed is not trusted, first seed; empty where it is, or
-    # is not looked for
-    doubts: Shaped[np.ndarray, "s"]
-
-    def at(self, *indices: int) -> "RestoredPhotograph":
-        """The figures and pictures of one or some of the speeds, alone."""
-        names = set(self._fields) - {"mean_psnr", "expected_psnr", "reference"}
-        return self._replace(**{name: getattr(self, name)[list(indices)] for name in names})
-
-    def transposed(self, axis: Axis) -> "RestoredPhotograph":
-        """The same with pictures that are `transposed` by an axis."""
-        names = ("reference", "captured", "restored")
-        return self._replace(**{name: transposed(getattr(self, name), axis) for name in names})
-
-    def brightened(self, index: int) -> Float[np.ndarray, "rows columns channels"]:
-        """The capture at a speed, as bright as the picture itself, however much light it cost."""
-        captured = self.captured[index]
-        return captured * (np.mean(self.reference) / max(float(np.mean(captured)), 1e-12))
-
-    def without_pictures(self) -> "RestoredPhotograph":
-        """The levels at all speeds, and pictures at none."""
-        return self._replace(captured=self.captured[:0].copy(), restored=self.restored[:0].copy())
+class _Pictures(NamedTuple):
+    captured: np.ndarray
+    restored: np.ndarray
 
 
-@alone_in_blas()
-def deconvolve(
-    captured: Picture | ArrayLike,
+class Simulation(_Pictures):
+    """A capture and its restoration: a pair."""
+
+    # The estimate of the speed that a decoder has found, which is no part of the pair; None of none
+    found: Estimate | None = None
+    # The frames restored object by object, which are no part of the pair either; None of others
+    by_object: RestoredFrames | None = None
+
+
+class Restoration(NamedTuple):
+    """A restored capture."""
+
+    light: np.ndarray  # Light of the picture, white = 1; the shape of the capture
+    # The speed that was found in it, or told for frames; None where neither was judged
+    found: Estimate | None
+    by_object: RestoredFrames | None = None  # The frames restored object by object; None of others
+
+
+def capture_and_restore(
+    subject: Picture | Layers | Footage | ArrayLike,
     scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
+    motion: AbstractMotion | Exposures,
+    shutter: AbstractShutter | None = None,
     *,
+    speed: float | RowLike = 0.0,
     decoder: AbstractDecoder | None = None,
-) -> Float[Array, "..."]:
-    """Restore captured pictures by the speeds that may occur in them.
+    key: Array | None = None,
+    border: str = "reflect",
+    full_well: float | None = None,
+    adc_bits: int | None = None,
+    rows_at_once: int = _ROWS_AT_ONCE,
+    progress: Progress | None = None,
+) -> Simulation:
+    """Capture a subject and restore it, within memory of a few times its own size.
+
+    Blur and noise are along rows, so that rows can be done in any portions; a decoder that knows
+    how rows go together is given a few more above and below (`rows_beyond`), and one that finds the
+    speed finds it in all of them. One that sets its strength by the residual of a plane does so for
+    each portion. Frames in the plane, and those that are restored object by object, are done at
+    once.
 
     Args:
-        captured: Light in units of a fully open exposure, as `simulate_capture` gives
-            it; a `Picture`, or an array of shape `(rows, columns)` or
-            `(..., rows, columns, channels)`.
-        scene: Speeds that may occur, light, noise, spectrum of pictures.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
+        subject: A photograph, a layered scene, or footage, of which no burst is taken.
+        scene: Light and noise, and what the decoder may know.
+        motion: Motion of the sensor; or the exposures of a design, as `Design.exposures` has them,
+            of which a burst is restored by the speed that the decoder finds in it.
+        shutter: Transmittance over the exposure of a motion; open by default.
+        speed: Speed of a photograph, px/s; its velocity in the plane; 0 for layers and footage.
         decoder: The method, whatever the scene says of decoders; the ensemble filter by default.
+        key: JAX key of the noise; None for none.
+        border: As in `simulate_capture`, for a photograph; that of a burst is "reflect".
+        full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
+        adc_bits: Bits of the converter; None for no rounding.
+        rows_at_once: Most rows of a portion, or columns if the scene's objects move along these.
+        progress: Called with a sentence and the share done.
 
     Returns:
-        Light of the picture, white = 1; the shape of `captured`. A moving object stays
-        displaced by a distance that its speed alone decides.
+        What was captured, of a burst all frames, and the picture restored from it.
 
     Raises:
-        ValueError: if `captured` is not finite or not a picture, or the scene has no light.
-
-    Examples:
-        >>> import jax
-        >>> from mishutter import HannShutter, ParabolicMotion, Scene, deconvolve, example_picture
-        >>> from mishutter import psnr, simulate_capture
-        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5)
-        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
-        >>> picture = example_picture()
-        >>> captured = simulate_capture(
-        ...     picture, scene, motion, HannShutter(), speed=700.0, key=jax.random.key(0)
-        ... )
-        >>> restored = deconvolve(captured, scene, motion, HannShutter())
-        >>> print(f"{psnr(picture.light, captured):.1f} dB, {psnr(picture.light, restored):.1f} dB")
-        15.7 dB, 30.0 dB
+        ValueError: as `simulate_capture` and `simulate_frames`.
     """
-    require_scene(scene)
-    irradiance = transposed(as_pixels(captured, "deconvolve(captured=...)"), scene.sensor.axis)
-    chosen = decoder_or_ensemble(decoder, "deconvolve")
-    model = blur_model(scene, motion, shutter)
-    return as_float(transposed(restored_light(irradiance, chosen, model), scene.sensor.axis))
+    function = "capture_and_restore"
+    if isinstance(motion, Exposures):
+        exposures = motion
+        require(shutter is None, f"{function}(shutter=...)", "be left to the exposures", shutter)
+    else:
+        exposures = Exposures.of_one(motion, RectShutter() if shutter is None else shutter)
+    is_one = exposures.shutter is not None
+    require_scene(scene, in_plane=exposures.in_plane)
+    require_positive_int(f"{function}(rows_at_once=...)", rows_at_once)
+    require_key(f"{function}(key=...)", key)
+    chosen = decoder_or_ensemble(decoder, function)
+    report = progress if progress is not None else lambda text, share: None
+    if exposures.shutter is not None:
+        camera = exposures.motion, exposures.shutter
+        capture = partial(simulate_capture, motion=camera[0], shutter=camera[1], border=border)
+    else:
+        words = "be of one exposure for footage, or another border than 'reflect'"
+        is_taken = border == "reflect" and not isinstance(subject, Footage)
+        require(is_taken, f"{function}(motion=...)", words, exposures)
+        capture = partial(simulate_frames, frames=exposures.path)
+    options = {"speed": speed, "full_well": full_well, "adc_bits": adc_bits}
+    take = partial(capture, scene=scene, **options)
+    is_whole = exposures.in_plane or (not is_one and shows_objects(scene, exposures.frames))
+    if isinstance(subject, Layers | Footage) or scene.sensor.is_rolling or is_whole:
+        report("capturing", 0.0)
+        captured = np.asarray(take(subject, key=key))
+    else:
+        image = np.asarray(as_radiance(subject, f"{function}(subject=...)"))
+        axis = scene.sensor.axis
+        captured = _taken(image, take, key, axis=axis, rows_at_once=rows_at_once, report=report)
+    # Layers that a sensor at rest sees move on their own.
+    is_several = isinstance(subject, Layers) and len(subject.layers) > 1
+    several = is_several and not is_one and sum(exposures.rests) > 1
+    result = _restored(
+        captured,
+        scene,
+        exposures,
+        chosen,
+        known=Known(),
+        by_object=several or None,
+        rows_at_once=rows_at_once,
+        report=lambda text, share: report(text, 0.5 + 0.5 * share),
+    )
+    report("done", 1.0)
+    simulation = Simulation(captured, result.light)
+    simulation.found, simulation.by_object = result.found, result.by_object
+    return simulation
 
 
-def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurModel) -> Planes:
-    """Light of a picture from its capture: the one road, by which every restoration goes."""
-    has_light, subject = model.electrons > 0, "deconvolve(scene=...)"
-    require(has_light, subject, "have a photon rate above 0 e-/s", model.electrons)
-    planes = as_float(rows_last(distinct_colours(irradiance)))
-    restored = decoder.restore(planes, model)
-    shape, method = np.shape(restored), f"{type(decoder).__name__}.restore"
-    require(shape == planes.shape, method, f"return planes of shape {planes.shape}", shape)
-    return every_colour(channels_last(restored, irradiance), irradiance)
+def _taken(
+    image: np.ndarray,
+    capture: Callable,
+    key: Array | None,
+    *,
+    axis: Axis,
+    rows_at_once: int,
+    report: Progress,
+) -> np.ndarray:
+    """Captures of a few rows at a time, or columns, each with noise of its own."""
+    across, taken = 0 if axis == "rows" else 1, []
+    firsts = range(0, image.shape[across], rows_at_once)
+    for first, part in zip(firsts, np.split(image, firsts[1:], axis=across), strict=True):
+        report("capturing", 0.5 * first / image.shape[across])
+        own_key = None if key is None else jax.random.fold_in(key, first)
+        taken.append(np.asarray(capture(part, key=own_key)))
+    return np.concatenate(taken, axis=across + taken[0].ndim - image.ndim)
 
 
-def portions(
-    num_rows: int,
-    at_once: int | None,  # all by default
-    beyond: int,
-    report: Callable[[str, float], None],
-) -> Iterator[tuple[slice, slice, slice]]:
-    """Rows of each portion, those with more around them, and where those begin in these."""
-    count = 1 if at_once is None else -(-num_rows // at_once)
-    if num_rows % 2 and count % 2 == 0:
-        count += 1  # the middle row has a portion to be in
-    # Portions are of about equal size; a picture that is turned over has the same.
-    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
-    for first, past in itertools.pairwise(np.union1d(upper, num_rows - upper).tolist()):
-        report("restoring", first / num_rows)
-        above = min(first, beyond)
-        around = slice(first - above, past + beyond)
-        yield slice(first, past), around, slice(above, above + past - first)
+def _restored(
+    captured: np.ndarray,
+    scene: Scene,
+    exposures: Exposures,
+    decoder: AbstractDecoder,
+    *,
+    known: Known,
+    by_object: bool | None = None,
+    rows_at_once: int = _ROWS_AT_ONCE,
+    report: Progress,
+) -> Restoration:
+    """The picture by the speed or the objects that are known or found in a capture."""
+    shutter, frames, told = exposures.shutter, exposures.path, known.speeds
+    shows = known.outlines is not None or shows_objects(scene, frames, by_object)
+    is_by_object, is_rolling = shows and shutter is None, scene.sensor.is_rolling
+    if told is not None and not is_by_object:
+        told = require_speed("restore(speed=...)", told, frames)  # type: ignore[arg-type]
+    if shutter is not None and is_rolling:
+        require_alike_rows("restore(design=...)", exposures.motion, shutter)
+    # Rows that are exposed in turn see the same but further on, by a way that a speed tells.
+    if shutter is None or (is_rolling and told is not None):
+        result = frames_restored(
+            captured if shutter is None else captured[None],
+            scene,
+            frames,
+            decoder,
+            known._replace(speeds=told),
+            is_by_object=is_by_object,
+            rows_at_once=rows_at_once,
+            report=report,
+        )
+        light = np.asarray(result.light, captured.dtype)
+        return Restoration(light, result.estimate, result if is_by_object else None)
+    axis, along, motion = scene.sensor.axis, scene.along_rows(), exposures.motion
+    model = blur_model(along, motion, shutter)
+    if told is not None:
+        pan = float(sensor_view(along, motion, shutter).velocity)
+        model = model.knowing(float(np.asarray(told)) - pan)
+    turned = transposed(captured, axis)
+    light, relative = _in_portions(turned, decoder, model, rows_at_once, report)
+    found = None if relative is None else relative.of(along, motion)
+    return Restoration(transposed(light, axis), found)
 
 
-def restore_photograph(
+def photograph_by_frames(
     picture: Picture | ArrayLike,
     scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
+    sequence: Exposures,
+    *,
+    speeds: Sequence[float],  # px/s
+    key: Array,
+    progress: Callable[[float], None] = lambda share: None,
+) -> RestoredPhotograph:
+    """`restore_photograph` by the frames of a burst, whose speed the decoder finds in them.
+
+    It holds the middle frame as the capture, moved to where the picture stands, and no level that
+    is expected of one photograph.
+    """
+    axis, radiance = scene.sensor.axis, as_radiance(picture, "photograph_by_frames(picture=...)")
+    radiance = transposed(radiance[..., None] if radiance.ndim == 2 else radiance, axis)
+    reference = behind_optics(np.asarray(radiance), scene)
+    captured, restored, doubts, trials = [], [], [], []
+    middle, (_, (place,)) = sequence.num_frames // 2, sequence.along.middle
+    for index, speed in enumerate(speeds):
+        own_key = jax.random.fold_in(key, index)
+
+        def report(text: str, share: float, before: int = index) -> None:
+            progress((before + share) / len(speeds))
+
+        result = capture_and_restore(
+            picture, scene, sequence, speed=speed, key=own_key, progress=report
+        )
+        taken = sequence.along[middle]
+        frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
+        moved = round(float(speed * taken.time - (taken.position - place)))
+        captured.append(np.roll(frame, moved, axis=1))
+        restored.append(light)
+        doubts.append("" if result.found is None else result.found.doubt)
+        trials.append(errors_of(reference, [light]))
+    return RestoredPhotograph(
+        *levels_of(np.asarray(speeds, np.float64), None, trials, 0),
+        expected_psnr=sequence.psnr,
+        own_expected_psnr=np.full(len(speeds), np.nan),
+        reference=reference,
+        captured=np.stack(captured),
+        restored=np.stack(restored),
+        doubts=np.array(doubts, object),
+    ).transposed(axis)
+
+
+def restore(
+    capture: Picture | ArrayLike,
+    design: Design,
     *,
     decoder: AbstractDecoder | None = None,
-    speeds: Sequence[float] | None = None,
-    num_seeds: int = 8,
-    key: Array | None = None,
-) -> RestoredPhotograph:
-    """Capture a photograph at several speeds and restore it.
+    speed: float | RowLike | Sequence[RowLike] | None = None,
+) -> np.ndarray:
+    """Restore what a camera has taken, within memory of a few times its own size.
 
-    The photograph is the scene: the sensor sees the part of it to which light can come
-    from outside, so that its borders are real. Pixels nearer to a border than half a
-    kernel are restored but not judged, nor are those that a camera at rest and a moving one
-    would not both record.
+    It is one capture, or the frames of a burst, which all together become one picture. The decoder
+    knows of the speed what the design's scene says: it is for all speeds, finds the speed in the
+    capture, or knows it. One that knows it finds it where no `speed` is given.
 
     Args:
-        picture: The photograph.
-        scene: Light and noise, and what the decoder may know.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        decoder: The method; the ensemble filter by default. It knows of the speed as much as the
-            scene's `decoder_speed` says: it knows it, or is the inner one of a
-            `SpeedFindingDecoder`, or is for all speeds.
-        speeds: Speeds of the photograph, px/s; the scene's by default.
-        num_seeds: Number of captures at each speed, each with its own noise.
-        key: JAX key of the noise; a fixed one by default.
+        capture: Light in units of a fully open exposure: 1 where white is recorded by a shutter
+            that is open throughout; a `Picture`, or an array of shape `(rows, columns)` or
+            `(rows, columns, channels)`. Of a design that has a `sequence`, all its frames, each in
+            units of its own exposure; shape `(frames, rows, columns)`, or channels last.
+        design: The camera and its scene.
+        decoder: The method; the ensemble filter by default.
+        speed: The speed of all that is seen, where it is known; px/s. In the plane its velocity
+            along rows and columns. Of objects before a background a row of theirs.
+
+    Returns:
+        Light of the picture, white = 1; the shape of `capture`, or of one of its frames, whose
+        place is that of the picture at the middle of the burst.
 
     Raises:
-        ValueError: if the picture is too narrow for its blur, or an argument is out of
-            its range.
+        ValueError: if `capture` is not finite or no picture, or not the frames of the design, or
+            the scene has no light.
 
     Examples:
-        >>> from mishutter import HannShutter, ParabolicMotion, Scene, example_picture
-        >>> from mishutter import restore_photograph
-        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5)
+        >>> from mishutter import ParabolicMotion, Scene, TukeyShutter, example_picture, optimise
+        >>> from mishutter import psnr, restore, simulate_capture
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e6, read_noise=5)
         >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
-        >>> camera, speeds = (scene, motion, HannShutter()), [0.0, 1500.0]
-        >>> found = restore_photograph(example_picture(), *camera, speeds=speeds, num_seeds=1)
-        >>> print([f"{level:.0f} dB" for level in found.linear_psnr])
-        ['29 dB', '27 dB']
+        >>> design = optimise(scene, motion, TukeyShutter(0.5), free=["shutter"])
+        >>> picture = example_picture().light[200:264]
+        >>> capture = simulate_capture(picture, scene, motion, design.shutter, speed=700.0)
+        >>> print(f"{psnr(picture, restore(capture, design)):.0f} dB")
+        38 dB
     """
-    chosen = decoder_or_ensemble(decoder, "restore_photograph")
-    results = restore_by_each(
-        picture, scene, motion, shutter, {"": chosen}, speeds=speeds, num_seeds=num_seeds, key=key
-    )
-    return results[""]
+    return restored_capture(capture, design, decoder=decoder, speed=speed).light
 
 
-@alone_in_blas()
-def restore_by_each(
-    picture: Picture | ArrayLike,
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    decoders: Mapping[str, AbstractDecoder],
+def restored_capture(
+    capture: Picture | ArrayLike,
+    design: Design,
     *,
-    speeds: Sequence[float] | None = None,  # the scene's by default
-    num_seeds: int = 8,
-    key: Array | None = None,  # a fixed one by default
-    least_taps: int = 1,
-    decoder_speed: DecoderSpeed | None = None,
-) -> dict[str, RestoredPhotograph]:
-    """`restore_photograph` by several decoders, from the same captures."""
-    require_scene(scene)
-    require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
-    require_key("restore_photograph(key=...)", key)
-    radiance = as_radiance(picture, "restore_photograph(picture=...)")
-    radiance = transposed(
-        radiance[..., None] if radiance.ndim == 2 else radiance, scene.sensor.axis
-    )
-    axis, scene = scene.sensor.axis, scene.along_rows()
-    chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
-    require_finite("restore_photograph(speeds=...)", chosen_speeds)
-    is_row = chosen_speeds.ndim == 1 and chosen_speeds.size > 0
-    got = shape_of(chosen_speeds)
-    require(is_row, "restore_photograph(speeds=...)", "be one row of at least one speed", got)
-    weights = np.asarray(scene.weights) if speeds is None else None
-    key = fixed_key() if key is None else key
-    scene, motion, shutter, velocity = sensor_view(scene, motion, shutter)
-    relative = chosen_speeds - float(velocity)
-    window, inner = _common_columns(radiance.shape[-2], motion, relative, least_taps, axis)
-    reference = behind_optics(np.asarray(radiance), scene)[:, window]
-    model = blur_model(scene, motion, shutter, least_taps=least_taps)
-    seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
-    knowledge = SPEED_KNOWLEDGE[scene.decoder_speed if decoder_speed is None else decoder_speed]
-    models = [model.knowing(v) if knowledge.is_told else model for v in relative.tolist()]
-    methods = [decoder_of(knowledge, decoder) for decoder in decoders.values()]
-
-    captured, *restored = (
-        np.empty((len(chosen_speeds), *reference.shape), reference.dtype)
-        for _ in range(1 + len(decoders))
+    decoder: AbstractDecoder | None = None,
+    speed: float | RowLike | Sequence[RowLike] | None = None,
+    outlines: np.ndarray | None = None,
+    by_object: bool | None = None,
+    progress: Progress | None = None,
+) -> Restoration:
+    """`restore`, with the speed or the objects that were found."""
+    scene, exposures = design.scene, design.exposures
+    chosen = decoder_or_ensemble(decoder, "restore")
+    pixels = np.asarray(as_pixels(capture, "restore(capture=...)"))
+    if exposures.shutter is not None:
+        words = "be left out for one exposure, of which no objects can be told"
+        require(not by_object and outlines is None, "restore(by_object=...)", words, by_object)
+        if speed is None and knowledge_of(scene).knows_speed:  # nobody tells it
+            chosen = decoder_of(SPEED_KNOWLEDGE["found"], chosen)
+    else:
+        count = exposures.num_frames
+        is_stack = pixels.ndim in (3, 4) and pixels.shape[0] == count
+        requirement = f"be the {count} frames of the design's burst, of rows and columns"
+        require(is_stack, "restore(capture=...)", requirement, shape_of(pixels))
+    return _restored(
+        pixels,
+        scene,
+        exposures,
+        chosen,
+        known=Known(speed, outlines),  # type: ignore[arg-type]
+        by_object=by_object,
+        report=progress or (lambda text, share: None),
     )
 
-    doubts = np.full((len(decoders), len(chosen_speeds)), "", object)
 
-    def tried(place: tuple[int, Array | np.ndarray]) -> _Errors:
-        index, blurred = place
-        errors, codes = [], []
-        for trial, words in enumerate(seeds[index]):
-            seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
-            capture = noisy(blurred, scene, motion, seed)
-            planes = rows_last(distinct_colours(capture))
-            knowing = informed(methods, planes, models[index])
-            estimates = [
-                np.asarray(restored_light(capture, each, blur)) for each, blur, _ in knowing
-            ]
-            if trial == 0:
-                of_speed = [each.estimate for each in knowing]
-                doubts[:, index] = [
-                    "" if each is None else each.of(scene, motion).doubt for each in of_speed
-                ]
-                results = zip((captured, *restored), (capture, *estimates), strict=True)
-                for store, result in results:
-                    store[index] = result
-            judged = errors_of(reference[:, inner], [each[:, inner] for each in estimates])
-            errors += [*judged.squared]
-            codes += [*judged.coded]
-        return _Errors(np.array(errors), np.array(codes))
+def _in_portions(
+    captured: np.ndarray,
+    decoder: AbstractDecoder,
+    model: BlurModel,
+    rows_at_once: int,
+    report: Progress,
+) -> tuple[np.ndarray, SpeedEstimate | None]:
+    """A capture restored a few rows at a time, by the speed that is found in all of them first.
 
-    on_sensor = blurred_at_speeds(
-        radiance, scene, motion, shutter, relative.tolist(), least_taps=least_taps
-    )
-    count = min(num_processors(), 4)  # each capture holds a picture and its restorations
-    trials = list(in_threads(tried, enumerate(on_sensor), count))
-    rows = np.moveaxis(reference[:, inner], 1, 2).astype(np.float64)
-    expected, own_expected = _expected_levels(model, knowledge, rows, relative)
-    return {
-        name: RestoredPhotograph(
-            *levels_of(chosen_speeds, weights, trials, index),
-            expected_psnr=expected,
-            own_expected_psnr=own_expected,
-            reference=reference,
-            captured=captured,
-            restored=restored[index],
-            doubts=doubts[index],
-        ).transposed(axis)
-        for index, name in enumerate(decoders)
-    }
-
-
-def _expected_levels(
-    model: BlurModel, knowledge: SpeedKnowledge, rows: np.ndarray, speeds: np.ndarray
-) -> tuple[float, Float[np.ndarray, "s"]]:
-    """Levels that the ensemble filter is expected to reach, for its scene and for one picture; dB.
-
-    A decoder that finds the speed keeps a share of the gain from knowing it, in decibels
-    (`found_share`), and none of it where no speed is looked for, as in a snapshot.
+    That speed is relative to the sensor.
     """
-    share = float(knowledge.share(np.asarray(model.smear_difference)))
-    unknown = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))
-    known = unknown
-    if share > 0:
-        each = [squared_error_of(model.knowing(v), rows, np.array([v])) for v in speeds.tolist()]
-        mean = [expected_squared_error(model.knowing(v)) for v in model.speeds.tolist()]
-        known = np.append(np.concatenate(each), model.weights @ np.array(mean))
-    with np.errstate(divide="ignore"):
-        levels = -10 * np.log10(known**share * unknown ** (1 - share))
-    return float(levels[-1]), levels[:-1]
-
-
-def behind_optics(
-    radiance: Float[np.ndarray, "rows columns channels"], scene: Scene
-) -> Float[np.ndarray, "rows columns channels"]:
-    """The picture behind the scene's optics, as a perfect decoder would restore it."""
-    rows = np.moveaxis(radiance, 1, 2)
-    return np.moveaxis(through_optics(rows, float(scene.optics.cutoff_frequency)), 2, 1)
-
-
-@compiled
-def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
-    """Words of a key for the noise of each capture; `(speeds, seeds, words)`."""
-    each = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(num_speeds))
-    return jax.random.key_data(jax.vmap(lambda k: jax.random.split(k, num_seeds))(each))
-
-
-class _Errors(NamedTuple):
-    """Errors at one speed, squared in linear light, and as a PSNR of gamma-coded values."""
-
-    squared: Float[np.ndarray, "seeds decoders"]
-    coded: Float[np.ndarray, "seeds decoders"]
-
-
-def errors_of(truth: np.ndarray, estimates: Sequence[np.ndarray]) -> _Errors:
-    """The errors of a capture by several decoders."""
-    squared = [np.mean(np.square(each - truth, dtype=np.float64)) for each in estimates]
-    coded = [float(psnr(truth, each, gamma=True)) for each in estimates]
-    return _Errors(np.array([squared]), np.array([coded]))
-
-
-def least_columns(num_taps: int) -> int:
-    """Least width of a photograph for kernels of a length; px."""
-    return num_taps + num_taps // 2 + 15
-
-
-def _common_columns(
-    num_columns: int, motion: AbstractMotion, speeds: np.ndarray, least_taps: int, axis: Axis
-) -> tuple[slice, slice]:
-    """Columns that are recorded whole at every speed, and those over which errors are taken.
-
-    A camera at rest and a moving one record different columns of the scene by kernels of one
-    length. Errors are taken over the columns that both record, and on a path that bends the other
-    way over their mirror image.
-    """
-    num_taps, origin = kernel_layout(motion, *speeds.tolist(), least_taps=least_taps)
-    num_recorded = num_columns - num_taps + 1
-    enough, subject = least_columns(num_taps), "restore_photograph(picture=...)"
-    require(
-        num_columns >= enough, subject, f"have at least {enough} {pixels_along(axis)}", num_columns
-    )
-    half = num_taps // 2
-    margin = min(half, (num_recorded - half) // 4)
-    first = num_taps - 1 - origin
-    begin, end = min(origin, half), min(num_columns - half - first, num_recorded)
-    return slice(first, num_columns - origin), slice(begin + margin, end - margin)
-
-
-class _Levels(NamedTuple):
-    """The first fields of a `RestoredPhotograph`."""
-
-    speeds: Float[np.ndarray, "s"]
-    psnr: Float[np.ndarray, "s"]
-    linear_psnr: Float[np.ndarray, "s"]
-    standard_error: Float[np.ndarray, "s"]
-    linear_standard_error: Float[np.ndarray, "s"]
-    mean_psnr: float
-
-
-def levels_of(
-    speeds: np.ndarray, weights: np.ndarray | None, trials: Sequence[_Errors], decoder: int
-) -> _Levels:
-    """The levels of a `RestoredPhotograph` by one of the decoders."""
-    squared = np.stack([trial.squared[:, decoder] for trial in trials])
-    coded = np.stack([trial.coded[:, decoder] for trial in trials])
-    count = squared.shape[1]
-    mean = np.mean(squared, axis=1)
-    share = np.full(len(mean), 1 / len(mean)) if weights is None else weights
-    # A picture without an error, as a black one without noise, has an infinite level, whose
-    # standard error is no number.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.std(squared, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
-        coded_spread = np.std(coded, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
-        return _Levels(
-            speeds=speeds,
-            psnr=np.mean(coded, axis=1),
-            linear_psnr=-10 * np.log10(mean),
-            standard_error=coded_spread / np.sqrt(count),
-            linear_standard_error=10 / np.log(10) * spread / mean / np.sqrt(count),
-            mean_psnr=float(-10 * np.log10(share @ mean)),
-        )
+    estimate = None
+    if isinstance(decoder, SpeedFindingDecoder):
+        report("finding the speed", 0.0)
+        planes = rows_last(distinct_colours(captured))
+        decoder, model, estimate = informed([decoder], planes, model)[0]
+    restored, beyond, num_rows = np.empty_like(captured), decoder.rows_beyond, len(captured)
+    for here, around, inner in portions(num_rows, rows_at_once, beyond, report):
+        restored[here] = restored_light(captured[around], decoder, model)[inner]
+    return restored, estimate

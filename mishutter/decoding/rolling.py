@@ -28,8 +28,8 @@ from mishutter.camera.responses import frequencies_on, waves_of
 from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, LineInTurn
 from mishutter.evaluation.instants import Instants
+from mishutter.model.frame_path import FramePath
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import FramePath
 from mishutter.pictures.registration.windows import means
 
 _WIDTH, _FINER = 6, 1.25

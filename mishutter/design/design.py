@@ -33,9 +33,9 @@ from mishutter.evaluation.speed_knowledge import (
 from mishutter.evaluation.views import transmittance
 from mishutter.model.devices import command_of
 from mishutter.model.exposures import Exposures, exposures_in_plane
+from mishutter.model.frame_path import FramePath, TimedFrame
 from mishutter.model.motion import AbstractMotion, FreeMotion, ParabolicMotion
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FramePath, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import module_of, shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of

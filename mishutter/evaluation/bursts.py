@@ -2,7 +2,7 @@
 
 Levels take registration to be perfect, and to cost nothing: a decoder that registers frames knows
 the speed. What registration costs, and what objects that leave the sensor do, is added by
-`mishutter.evaluation.sequences.with_losses`.
+`mishutter.evaluation.registration.with_losses`.
 """
 
 import math
@@ -16,10 +16,10 @@ from jaxtyping import Float
 from mishutter._core.checks import Numbers, namespace_of, require, require_known
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.exposures import Exposures, exposures_in_plane
+from mishutter.model.frame_path import FramePath, TimedFrame
 from mishutter.model.motion import StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import BurstMode, filling_half_exposure
-from mishutter.model.sequences import FramePath, TimedFrame
 
 STILLS = "stills"
 _MOST_FRAMES = 1000

@@ -25,7 +25,7 @@ from mishutter._core.checks import (
     require,
 )
 from mishutter._core.compiling import outside_trace
-from mishutter.model.sequences import Frames, Lights, frames_in
+from mishutter.model.frame_path import Frames, Lights, frames_in
 
 NODES = 16
 """Nodes of a panel."""

@@ -48,10 +48,10 @@ from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.strips import Strips
 from mishutter.model.exposures import Exposures, frames_of, open_frames, path_for_rows
+from mishutter.model.frame_path import AT_REST, Frames, Lights, frames_in
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
-from mishutter.model.sequences import AT_REST, Frames, Lights, frames_in
 from mishutter.model.velocities import Components
 
 ROWS = np.stack(np.polynomial.legendre.leggauss(5)) / 2

@@ -18,7 +18,7 @@ from mishutter.camera.capture import kernel_layout
 from mishutter.decoding.decoders.linear import EnsembleDecoder
 from mishutter.decoding.decoders.speed import estimate_speed
 from mishutter.decoding.decoders.speed_finding import ROWS_TO_FIND
-from mishutter.decoding.restoration import least_columns, restore_by_each
+from mishutter.decoding.photographs import least_columns, restore_by_each
 from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model.scene import Scene
 from mishutter.model.texture import Texture

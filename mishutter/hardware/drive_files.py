@@ -39,8 +39,8 @@ from mishutter._core.files import contents, write_bytes
 from mishutter.design.design import Design, package_version
 from mishutter.hardware.stage_files import MAX_STEPS, path_csv
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import Lights
 from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
-from mishutter.model.sequences import Lights
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.stages import StagePath
 

@@ -18,8 +18,8 @@ from jaxtyping import Float
 from mishutter._core.checks import Unquoted, require, require_finite, require_number
 from mishutter.design.design import Design
 from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
+from mishutter.model.frame_path import FramePath, Lights, TimedFrame
 from mishutter.model.motion import FreeMotion
-from mishutter.model.sequences import FramePath, Lights, TimedFrame
 
 _NAMES = ("x", "y"), ("sensor_position_x", "sensor_position_y"), ("stage_x", "stage_y")
 """Names of the places along two axes."""

@@ -13,7 +13,7 @@ from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import STEPS, AbstractTable, first_lights
 from mishutter.hardware.stage_files import MAX_STEPS
 from mishutter.model.exposures import Exposures
-from mishutter.model.sequences import Lights
+from mishutter.model.frame_path import Lights
 
 
 @final

@@ -19,10 +19,7 @@ from mishutter._core.checks import (
     require_known,
     three_digits,
 )
-from mishutter.model.limits import Limits
-from mishutter.model.motion import AbstractMotion
-from mishutter.model.scene import Scene, require_one_axis, require_scene, require_velocities
-from mishutter.model.sequences import (
+from mishutter.model.frame_path import (
     SINE,
     FramePath,
     Frames,
@@ -31,6 +28,9 @@ from mishutter.model.sequences import (
     TimedFrames,
     frames_in,
 )
+from mishutter.model.limits import Limits
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_one_axis, require_scene, require_velocities
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.windows import RectShutter
 from mishutter.model.stages import StagePath, StageUse

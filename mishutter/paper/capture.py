@@ -8,7 +8,7 @@ import numpy as np
 
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
-from mishutter.decoding.restoration import RestoredPhotograph, restore_photograph
+from mishutter.decoding.photographs import RestoredPhotograph, restore_photograph
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.decoding.photographs import RestoredPhotograph
 from mishutter.paper.numbers import KernelNumbers, SpectrumNumbers, SpeedNumbers
 from mishutter.report.plots import show_picture
 

@@ -14,7 +14,7 @@ from mishutter._core.files import write_text
 from mishutter.blur.kernel import blur_kernel
 from mishutter.blur.spectrum import condition_number
 from mishutter.decoding.image_quality import ghost_energy
-from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.decoding.photographs import RestoredPhotograph
 from mishutter.evaluation.speed_knowledge import ExpectedErrorLoss
 from mishutter.model.limits import Limits
 from mishutter.model.scene import Scene

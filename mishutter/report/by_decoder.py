@@ -12,7 +12,7 @@ from mishutter._core.progress import counts
 from mishutter.camera.capture import as_radiance
 from mishutter.camera.rows import Planes
 from mishutter.decoding.decoders.base import AbstractDecoder
-from mishutter.decoding.restoration import restore_by_each
+from mishutter.decoding.photographs import restore_by_each
 from mishutter.design.design import motion_to_dict
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mishutter._core.files import FORMER, ONE_EXPOSURE, RECOMMENDED, strict_json, write_text
-from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.decoding.photographs import RestoredPhotograph
 from mishutter.design.design import Design
 from mishutter.model.scene import Scene
 from mishutter.report import plots

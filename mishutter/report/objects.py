@@ -6,7 +6,7 @@ import numpy as np
 
 from mishutter._core.files import write_text
 from mishutter.camera.layers import write_layers
-from mishutter.decoding.sequences import RestoredFrames
+from mishutter.decoding.restored_frames import RestoredFrames
 from mishutter.pictures.images import write_picture
 
 _COLOURS = np.array(

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from mishutter._core.checks import require, three_digits
 from mishutter._core.files import write_bytes
-from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.decoding.photographs import RestoredPhotograph
 from mishutter.design.design import Design
 from mishutter.evaluation.errors import spectral_levels
 from mishutter.evaluation.response import kernel_phase, kernels_at_speeds
@@ -28,9 +28,9 @@ from mishutter.hardware.triggers import FrameTable, frame_table
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.devices import command_of
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import FramePath, Lights
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, picture_power
-from mishutter.model.sequences import FramePath, Lights
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.spline import SplineShutter

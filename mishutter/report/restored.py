@@ -12,8 +12,8 @@ from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
 from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
 from mishutter.decoding.decoders.speed_finding import ROWS_TO_FIND
-from mishutter.decoding.restoration import RestoredPhotograph, least_columns, restore_by_each
-from mishutter.decoding.simulation import photograph_by_frames
+from mishutter.decoding.photographs import RestoredPhotograph, least_columns, restore_by_each
+from mishutter.decoding.restoration import photograph_by_frames
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.pictures.images import Picture, middle_rows, pixels_along, transposed

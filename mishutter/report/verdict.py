@@ -13,17 +13,18 @@ from mishutter._core.checks import three_digits
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
 from mishutter.evaluation.losses import AbstractLoss
-from mishutter.evaluation.sequences import LONG, REGION, with_losses
+from mishutter.evaluation.registration import LONG, REGION, with_losses
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import AT_REST, SINE
 from mishutter.model.limits import Limits
 from mishutter.model.motion import LinearMotion
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Scene, in_sensor_frame, require_velocities
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import AT_REST, SINE
 from mishutter.model.texture import EXAMPLE_PICTURE
+from mishutter.search.bursts import level_on_sensor
 from mishutter.search.frame_ties import (
     ALTERNATING,
     CIRCLE,
@@ -50,7 +51,6 @@ from mishutter.search.rivals import (
     taken_names,
 )
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Row, best_row
-from mishutter.search.sequences import level_on_sensor
 from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"

@@ -24,8 +24,8 @@ from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.instants import NODES
 from mishutter.evaluation.levels import exposures_psnr, instants_of
 from mishutter.model.exposures import Exposures, frames_of
+from mishutter.model.frame_path import FramePath, Frames, frames_in
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FramePath, Frames, frames_in
 
 _NEAREST = 1e-3
 """Least distance of an exposure from its ends, in shares, and of a frame from the one before, in

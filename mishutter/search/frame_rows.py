@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from mishutter.evaluation.levels import ROWS, psnr_of_error
-from mishutter.model.sequences import FramePath
+from mishutter.model.frame_path import FramePath
 from mishutter.model.stages import Knots, gentlest
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room

@@ -21,8 +21,8 @@ from jaxtyping import Float
 
 from mishutter.evaluation.levels import psnr_of_error
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import SINE
 from mishutter.model.limits import Limits
-from mishutter.model.sequences import SINE
 from mishutter.search.frame_levels import Frames, Levels, Shape
 from mishutter.search.frame_limits import LEAST_GAP, Room
 from mishutter.search.frame_rows import RowLevels

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.model.sequences import SINE
+from mishutter.model.frame_path import SINE
 from mishutter.search.frame_levels import Frames, Shape
 from mishutter.search.frame_limits import Room
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter.model.exposures import Exposures
-from mishutter.model.sequences import AT_REST, SINE
+from mishutter.model.frame_path import AT_REST, SINE
 from mishutter.search.frame_ties import (
     ALTERNATING,
     BRACKETED,

@@ -12,9 +12,10 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.levels import in_parts, psnr_of_error, rows_of
-from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.registration import loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model.exposures import Exposures, path_for_rows
+from mishutter.model.frame_path import SINE, TimedFrame, height_of_sine
 from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
@@ -23,7 +24,6 @@ from mishutter.model.motion import (
     StillCamera,
 )
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import SINE, TimedFrame, height_of_sine
 from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, Shape, is_range
 from mishutter.search.frame_limits import Room

@@ -19,11 +19,11 @@ from mishutter.evaluation.bursts import (
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.fans import MEASURED, SEARCHED
 from mishutter.evaluation.levels import exposures_psnr
-from mishutter.evaluation.sequences import loss_of_width, with_losses
+from mishutter.evaluation.registration import loss_of_width, with_losses
 from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
+from mishutter.model.frame_path import FramePath
 from mishutter.model.scene import Scene, require_scene, require_velocities
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import FramePath
 from mishutter.model.stages import Knots, transfer
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.search.frame_levels import Frames, Levels, Shape

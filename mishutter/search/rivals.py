@@ -29,6 +29,7 @@ from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.shutters.windows import RectShutter, TukeyShutter
+from mishutter.search.bursts import best_bursts, level_on_sensor
 from mishutter.search.moving_frames import ONE_PARABOLA
 from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,
@@ -51,7 +52,6 @@ from mishutter.search.search import (
     best_design,
     free_by_default,
 )
-from mishutter.search.sequences import best_bursts, level_on_sensor
 from mishutter.search.space import mirrors
 
 OPEN = "rect"

@@ -28,11 +28,11 @@ from mishutter.model.shutters.base import AbstractShutter, check_bounds, is_adju
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.shutters.windows import RectShutter, TukeyShutter
+from mishutter.search.bursts import choose_burst, shown_bursts
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import OWN_BEST_MOTION, Row
-from mishutter.search.sequences import choose_burst, shown_bursts
 from mishutter.search.slots import searched_slots
 from mishutter.search.solvers import (
     Polished,

@@ -40,7 +40,7 @@ from mishutter.cli.laboratory import CameraFiles, cameras
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.frame_velocity import VelocityEstimate
 from mishutter.decoding.objects.restored import FoundObject
-from mishutter.decoding.sequences import RestoredFrames
+from mishutter.decoding.restored_frames import RestoredFrames
 from mishutter.evaluation.metrics import METRICS
 from mishutter.pictures.images import Capture
 

@@ -63,8 +63,8 @@ def plain(value: Any) -> Any:
 
 SEARCH, COMPARE = "mishutter.search.search.optimise", "mishutter.report.comparison.compare"
 SWEEP, PLAN = "mishutter.sweeps.run.sweep", "mishutter.search.planning.plan"
-CAPTURE = "mishutter.decoding.simulation.capture_and_restore"
-RESTORE = "mishutter.decoding.simulation.restored_capture"
+CAPTURE = "mishutter.decoding.restoration.capture_and_restore"
+RESTORE = "mishutter.decoding.restoration.restored_capture"
 EXPLORE = "mishutter.explore.server.serve"
 TABLE, FIT = "mishutter.hardware.drive.drive_table", "mishutter.hardware.calibration.estimation.fit"
 READ_DRIVE = "mishutter.hardware.drive.design_from_drive"

@@ -46,7 +46,7 @@ from mishutter.decoding.decoders.total_variation import (
     adjoint_differences,
     differences,
 )
-from mishutter.decoding.restoration import _Errors, errors_of, levels_of
+from mishutter.decoding.photographs import _Errors, errors_of, levels_of
 
 HALF = 0.01
 MOTION = ms.ParabolicMotion(acceleration=2e5, half_exposure=HALF)

@@ -34,7 +34,7 @@ from mishutter.decoding.decoders.richardson_lucy import (
     _restored,
     richardson_lucy,
 )
-from mishutter.decoding.restoration import restore_by_each
+from mishutter.decoding.photographs import restore_by_each
 
 PLAIN = ms.RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
 

@@ -17,7 +17,7 @@ from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 
 # Means over seeds and the columns that count are parts of a result that holds neither.
-from mishutter.decoding.restoration import _common_columns, _Errors, levels_of, restore_by_each
+from mishutter.decoding.photographs import _common_columns, _Errors, levels_of, restore_by_each
 
 
 def gaussian_rows(rows=96, columns=1200, seed=3):

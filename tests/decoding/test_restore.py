@@ -8,7 +8,7 @@ import pytest
 from support.bursts import a_burst_design
 
 import mishutter as ms
-from mishutter.decoding.simulation import restored_capture
+from mishutter.decoding.restoration import restored_capture
 from mishutter.design.design import given_design
 
 MOTION = ms.ParabolicMotion(acceleration=6e4, half_exposure=9.7e-3, velocity=70.0)

@@ -31,11 +31,11 @@ from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.decoding.frame_doubts import doubt_of_rows
 from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import _together, complete, noises_of
+from mishutter.decoding.restoration import capture_and_restore, photograph_by_frames
 from mishutter.decoding.rolling import RowTimes, _on_grid
-from mishutter.decoding.simulation import capture_and_restore, photograph_by_frames
 from mishutter.design.design import given_design
 from mishutter.model.exposures import path_for_rows
-from mishutter.model.sequences import SINE, frames_in
+from mishutter.model.frame_path import SINE, frames_in
 
 EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)

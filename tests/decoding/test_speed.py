@@ -17,7 +17,7 @@ import mishutter as ms
 from mishutter import cli
 from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.speed_finding import at_speed
-from mishutter.decoding.restoration import restored_light
+from mishutter.decoding.deconvolution import restored_light
 
 # Speeds that are tried and the model at one of them; a decoder returns only its estimate.
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE

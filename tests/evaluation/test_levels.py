@@ -21,7 +21,7 @@ from mishutter import (
     exposures_psnr,
 )
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.sequences import registration
+from mishutter.evaluation.registration import registration
 from mishutter.model.shutters.windows import RectShutter
 
 SCENE = Scene(

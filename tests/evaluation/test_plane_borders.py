@@ -14,7 +14,7 @@ from mishutter import (
     Scene,
     exposures_psnr,
 )
-from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.registration import loss_of_width
 
 SHARP = 1e-5
 """An exposure in which nothing moves by a hundredth of a pixel; s."""

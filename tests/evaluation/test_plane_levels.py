@@ -24,8 +24,8 @@ from mishutter.evaluation.ceilings import ceiling, exposures_ceiling, water_fill
 from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid, power_of
 from mishutter.evaluation.levels import instants_of, left
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
+from mishutter.model.frame_path import PlaneFrames
 from mishutter.model.optics import frequencies
-from mishutter.model.sequences import PlaneFrames
 from mishutter.pictures.images import Picture
 
 WINDOW = 0.08

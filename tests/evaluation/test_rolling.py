@@ -8,7 +8,7 @@ import pytest
 from support.rolling import PERIOD, frames_on_parabolas
 
 from mishutter import Limits, PlaneFrames, Scene, Sensor, exposures_psnr
-from mishutter.evaluation.sequences import loss_of_width, registration
+from mishutter.evaluation.registration import loss_of_width, registration
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
 SPEEDS = np.linspace(0, 4500, 4)

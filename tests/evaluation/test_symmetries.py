@@ -20,7 +20,7 @@ from mishutter import (
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.fans import Grid
-from mishutter.evaluation.sequences import loss_of_width, registration
+from mishutter.evaluation.registration import loss_of_width, registration
 from mishutter.model.sensor import Sensor
 from mishutter.search.moving_frames import levels_of
 

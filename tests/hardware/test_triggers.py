@@ -23,8 +23,8 @@ from mishutter import (
 )
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import DRIVE_FORMATS, drive_bytes
+from mishutter.model.frame_path import TimedFrame
 from mishutter.model.motion import StillCamera
-from mishutter.model.sequences import TimedFrame
 
 LIGHTS = [(-0.0111, -0.0069), (0.0022, 0.0158)]
 

@@ -20,7 +20,7 @@ from mishutter import (
     TimedFrame,
 )
 from mishutter.model.exposures import exposures_in_plane
-from mishutter.model.sequences import FramePath, TimedFrames
+from mishutter.model.frame_path import FramePath, TimedFrames
 
 
 def _one():

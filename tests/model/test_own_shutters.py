@@ -239,9 +239,30 @@ class SoftShutter(AbstractShutter):
 
 def test_a_range_is_looked_at_before_the_search():
     """At its ends and in its middle; the line names the values at which it is no shutter."""
-    ends = re.escape("near tau = 0.6") + r"\d* with open = 0\.\d, ramp = 0\.01\.$"
+    ends = re.escape("near tau = 0.6") + r"\d* with open = 0\.\d+, ramp = 0\.01\.$"
     with pytest.raises(ValueError, match=ends):
         optimise(example_scene(), shutter=SoftShutter(jnp.array(0.5), jnp.array(0.3)))
+
+
+@final
+class CrossedShutter(AbstractShutter):
+    """Lets more than all light pass where `first` is small and `second` is in its middle."""
+
+    first: jax.Array
+    second: jax.Array
+
+    def transmittance(self, tau):
+        top = 0.5 + 3.2 * (1 - self.first) * self.second * (1 - self.second)
+        return jnp.full_like(jnp.asarray(tau), top)
+
+    def bounds(self):
+        return {"first": (0.0, 1.0), "second": (0.0, 1.0)}
+
+
+def test_each_range_is_looked_at_beside_the_middle_of_the_others():
+    """Neither the corners of the ranges nor their middle show it."""
+    with pytest.raises(ValueError, match=r"got 1\.3 .*with first = 0, second = 0\.5\.$"):
+        optimise(example_scene(), shutter=CrossedShutter(jnp.array(0.5), jnp.array(0.3)))
 
 
 @pytest.mark.slow

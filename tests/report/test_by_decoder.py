@@ -17,7 +17,7 @@ from mishutter import (
     compare,
     example_picture,
 )
-from mishutter.decoding.restoration import restore_by_each
+from mishutter.decoding.photographs import restore_by_each
 from mishutter.report import by_decoder
 from mishutter.report.by_decoder import Judgement, OnPictures, judged_by, pictures_to_judge
 from mishutter.report.restored import longest_kernel

@@ -17,7 +17,7 @@ from mishutter import (
     frame_table,
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
-from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.registration import loss_of_width
 from mishutter.report.in_plane import answer_in_plane
 from mishutter.search.plane_frames import PlaneSearch
 

@@ -35,8 +35,8 @@ from mishutter import (
     optimise,
 )
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.model.frame_path import SINE
 from mishutter.model.limits import LEAST_STROKE
-from mishutter.model.sequences import SINE
 from mishutter.report.comparison import with_verdict
 from mishutter.report.verdict import (
     detail_words,

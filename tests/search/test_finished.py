@@ -9,11 +9,11 @@ from support.drive import a_design
 
 from mishutter import ExpectedErrorLoss, HannShutter, KnownSpeedLoss, Scene, WorstSpeedLoss
 from mishutter.design.design import GIVEN as NO_LOSS
+from mishutter.search.bursts import choose_burst
 
 # Of the search of a whole comparison these are single steps.
 from mishutter.search.rivals import is_finished
 from mishutter.search.search import _beside_bursts
-from mishutter.search.sequences import choose_burst
 
 GIVEN = a_design(HannShutter()).with_one(loss_name=NO_LOSS)
 SEARCHED = GIVEN.with_one(loss_name=repr(ExpectedErrorLoss()))

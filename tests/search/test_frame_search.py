@@ -21,8 +21,8 @@ from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.fans import Grid
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.sequences import loss_of_width
-from mishutter.model.sequences import FramePath
+from mishutter.evaluation.registration import loss_of_width
+from mishutter.model.frame_path import FramePath
 from mishutter.search import frame_search, moving_frames, plane_frames
 from mishutter.search.frame_levels import Frames, Levels, Shape
 from mishutter.search.frame_limits import Room

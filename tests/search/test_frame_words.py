@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import FramePath, TimedFrame
 from mishutter.model.motion import FreeMotion, LinearMotion, StillCamera
-from mishutter.model.sequences import FramePath, TimedFrame
 from mishutter.search.frame_ties import (
     ALTERNATING,
     BRACKETED,

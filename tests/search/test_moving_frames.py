@@ -20,8 +20,8 @@ from mishutter import (
     exposures_psnr,
 )
 from mishutter.evaluation.bursts import FrameTimes, best_still_burst
-from mishutter.evaluation.sequences import loss_of_width
-from mishutter.model.sequences import SINE
+from mishutter.evaluation.registration import loss_of_width
+from mishutter.model.frame_path import SINE
 from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, Shape, chirps
 from mishutter.search.frame_limits import Room

@@ -23,9 +23,9 @@ from mishutter import (
 from mishutter.cli.plane_command import _require_frames
 from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.fans import MEASURED, Grid
-from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.registration import loss_of_width
 from mishutter.model.exposures import Exposures
-from mishutter.model.sequences import PlaneFrames
+from mishutter.model.frame_path import PlaneFrames
 from mishutter.report.documents import Report
 from mishutter.report.in_plane import answer_in_plane, compare_in_plane
 from mishutter.report.plots import plot_design

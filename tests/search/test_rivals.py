@@ -32,6 +32,7 @@ from mishutter import (
 from mishutter._core.parallel import as_they_end, once
 from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
+from mishutter.search.bursts import best_bursts, choose_burst
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
@@ -60,7 +61,6 @@ from mishutter.search.rows import (
     TURNS,
     best_of_each_purchase,
 )
-from mishutter.search.sequences import best_bursts, choose_burst
 
 
 @pytest.mark.slow

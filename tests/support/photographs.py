@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.decoding.photographs import RestoredPhotograph
 
 
 def photograph(level, num_seeds=3, columns=slice(None)):

@@ -32,9 +32,9 @@ from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.rolling import GLOBAL, RowTimes
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
+from mishutter.model.frame_path import PlaneFrames, TimedFrame
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import white_electrons
-from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, Picture, transposed
 from mishutter.pictures.registration.windows import Window
 

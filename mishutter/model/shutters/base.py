@@ -383,7 +383,8 @@ def _check_transmittance(shutter: AbstractShutter) -> None:
 def check_bounds(shutter: AbstractShutter) -> None:
     """Refuse a shutter that a search may move to where it is none.
 
-    It is looked at with its parameters at the ends of their ranges and in the middle.
+    It is looked at with its parameters in the middle of their ranges, each of them at its ends
+    beside the others in the middle, and all of them at the ends.
     """
     if isinstance(shutter, AbstractPiecewiseShutter):
         return
@@ -391,8 +392,10 @@ def check_bounds(shutter: AbstractShutter) -> None:
     if not bounded:
         return
     corners = itertools.product((0.0, 1.0), repeat=len(bounded))
-    for corner in (*itertools.islice(corners, _MOST_CORNERS), (0.5,) * len(bounded)):
-        shares = dict(zip(bounded, corner, strict=True))
+    middle = dict.fromkeys(bounded, 0.5)
+    faces = [middle | {name: end} for name in bounded for end in (0.0, 1.0)]
+    all_at_ends = (dict(zip(bounded, x, strict=True)) for x in corners)
+    for shares in (middle, *faces, *itertools.islice(all_at_ends, _MOST_CORNERS)):
         values = {
             name: low + shares[name] * (high - low) for name, (_, low, high) in bounded.items()
         }

@@ -43,8 +43,8 @@ from mishutter.camera.rows import (
 )
 from mishutter.evaluation.instants import Instants
 from mishutter.model.exposures import Exposures, open_frames, path_for_rows
+from mishutter.model.frame_path import Frames, PlaneFrames, TimedFrame
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import Frames, PlaneFrames, TimedFrame
 from mishutter.pictures.images import Picture, pixels_along, transposed
 
 

@@ -19,7 +19,7 @@ from mishutter import (
     TimedFrame,
 )
 from mishutter.evaluation.bursts import best_still_burst
-from mishutter.evaluation.sequences import loss_of_width, registration, with_losses
+from mishutter.evaluation.registration import loss_of_width, registration, with_losses
 from mishutter.search.moving_frames import best_moving_burst
 
 U = (np.arange(512) + 0.5) / 512

@@ -8,7 +8,7 @@ import numpy as np
 
 from mishutter._core.progress import counts
 from mishutter.evaluation.bursts import best_still_burst
-from mishutter.evaluation.sequences import with_losses
+from mishutter.evaluation.registration import with_losses
 from mishutter.model.exposures import Exposures
 from mishutter.model.scene import Scene, require_scene
 from mishutter.search.moving_frames import best_moving_burst

@@ -27,7 +27,7 @@ from mishutter import (
 from mishutter.decoding.frame_doubts import odd_frame
 from mishutter.decoding.frame_likelihood import Own, Prior, climbed
 from mishutter.decoding.likeliest import noises_of
-from mishutter.decoding.simulation import capture_and_restore
+from mishutter.decoding.restoration import capture_and_restore
 from mishutter.model.exposures import Exposures
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0

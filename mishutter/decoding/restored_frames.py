@@ -9,13 +9,14 @@ from jaxtyping import ArrayLike, Bool, Float, Int
 from mishutter._core.checks import RowLike, as_float, require, require_known, shape_of
 from mishutter._core.parallel import alone_in_blas
 from mishutter.camera.capture import as_pixels, distinct_colours, every_colour
+from mishutter.camera.captured_frames import require_speed
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import Planes, rows_last
-from mishutter.camera.sequences import require_speed
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
+from mishutter.decoding.deconvolution import portions
 from mishutter.decoding.frame_restoration import (
     method_in_plane,
     restored_in_plane,
@@ -28,11 +29,10 @@ from mishutter.decoding.frame_velocity import (
     velocity_of_frames,
 )
 from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
-from mishutter.decoding.restoration import portions
 from mishutter.decoding.rolling import RowTimes
 from mishutter.model.exposures import Exposures, open_frames
+from mishutter.model.frame_path import Frames, PlaneFrames, TimedFrame
 from mishutter.model.scene import Scene, require_scene, require_whole
-from mishutter.model.sequences import Frames, PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, transposed
 
 Progress = Callable[[str, float], None]
