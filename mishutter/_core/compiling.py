@@ -32,6 +32,9 @@ _QUICKLY: dict[str, bool | int] = {
 _UNREADABLE = "Error reading persistent compilation cache entry for '"
 """Beginning of JAX's warning of an entry that it could not read; the program's name follows."""
 
+_COMPILATION = "/jax/core/compile/backend_compile_duration"
+"""JAX's event of a program that is compiled or read."""
+
 
 class _Tracing(threading.local):
     """The lock of all threads, and whether this thread holds it and may trace."""
@@ -150,6 +153,24 @@ def keep_compiled_programs() -> Path | None:
     # JAX decides at its first program whether it keeps any.
     compilation_cache.reset_cache()
     return folder / "jax"
+
+
+def num_programs() -> int:
+    """Number of programs that JAX has compiled, or read from its cache, since the first call."""
+    return len(_programs())
+
+
+@lru_cache
+def _programs() -> list[float]:
+    """Times that programs take, s; one is added to the list for each."""
+    times: list[float] = []
+
+    def add(event: str, duration_secs: float, **kwargs: str | int) -> None:
+        if event == _COMPILATION:
+            times.append(duration_secs)
+
+    jax.monitoring.register_event_duration_secs_listener(add)
+    return times
 
 
 def mend_compilation_cache() -> None:

@@ -35,21 +35,26 @@ class Counter:
     Work in threads begins and ends parts by their names; other work says what is done.
     """
 
-    def __init__(self, total: int, why: str = "") -> None:
+    def __init__(
+        self, total: int, why: str = "", num_programs: Callable[[], int] = lambda: 0
+    ) -> None:
         self.total, self.done = total, 0
         self._why, self._message = why, ""
+        self._num_programs = num_programs  # that have been compiled
         self._running: list[str] = []
         self._shares: dict[str, float] = {}
         self._lock = threading.Lock()
-        self._first: tuple[int, float] | None = None
-        self._begin = self._last = time.monotonic()
+        self._first, self._num_steps = (0, 0.0), 0  # Where and when the pace is measured from
+        self._begin = time.monotonic()
+        self._live()
 
     def __call__(self, done: int, message: str = "") -> None:
         """Records what is done; the first call counts what an earlier run did."""
         with self._lock:
             self._moved(done)
             if message != self._message:
-                self._message, self._last = message, time.monotonic()
+                self._message = message
+                self._live()
 
     def began(self, name: str) -> None:
         """Records that a part has begun."""
@@ -60,7 +65,7 @@ class Counter:
         """Records the share of a part that is done."""
         with self._lock:
             self._shares[name] = share
-            self._last = time.monotonic()
+            self._live()
 
     def ended(self, name: str) -> None:
         """Records that a part has ended."""
@@ -80,11 +85,17 @@ class Counter:
         with self._lock:
             return self.done + sum((self._shares.get(name, 0.0) for name in self._running), 0.0)
 
+    def _live(self) -> None:
+        """Records a sign of life."""
+        self._last, self._num_before = time.monotonic(), self._num_programs()
+
     def _moved(self, done: int) -> None:
-        now = time.monotonic()
-        if done != self.done or self._first is None:
-            self._last = now
-        self._first = self._first or (done, now)
+        if done != self.done or self._num_steps == 0:
+            self._live()
+            # The first step compiles what the others use: its time says nothing of theirs.
+            if self._num_steps < 2:
+                self._first = done, self._last
+            self._num_steps += 1
         self.done = done
 
     @property
@@ -105,15 +116,18 @@ class Counter:
     def __str__(self) -> str:
         now = time.monotonic()
         words = f"{self.place} after {now - self._begin:.0f} s"
-        done, since = self._first or (0, now)
+        done, since = self._first
         # Steps that have stopped tell nothing of those to come.
         if done < self.done < self.total >= _MANY and not self._is_stuck:
             remaining = (self.total - self.done) * (now - since) / (self.done - done)
             words += f", about {remaining:.0f} s to go"
         # Without a step or a name there is no other sign of life.
         is_silent = not (self.done or self._running or self._message)
-        is_told = self._why and (self._is_stuck or is_silent)
-        return f"{words} ({self._why})" if is_told else words
+        reasons = [self._why] if self._why and (self._is_stuck or is_silent) else []
+        ready = self._num_programs() - self._num_before
+        if ready and now - self._last >= _PATIENCE:
+            reasons.insert(0, f"{ready} program{'s' * (ready > 1)} compiled")
+        return f"{words} ({'; '.join(reasons)})" if reasons else words
 
 
 @contextmanager
@@ -123,7 +137,9 @@ def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
     A terminal shows a bar beside it, and so does a notebook that has widgets; a file gets a line
     now and then. Both have the elapsed time, and the remaining time of many steps.
     """
-    counter = Counter(total, why)
+    from mishutter._core.compiling import num_programs
+
+    counter = Counter(total, why, num_programs)
     console = _console()
     if console is None:
         with _lines(lambda: f"{label}: {counter}"):

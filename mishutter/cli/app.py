@@ -93,7 +93,7 @@ if TYPE_CHECKING:
     from mishutter.pictures.images import Picture
     from mishutter.report.documents import Report
 
-_WHY_NO_STEP = "compiling (first run only)"
+_WHY_NO_STEP = "finding the speed in frames, or compiling"
 """Why a step of what follows the verdict takes a while."""
 _IMPORT = "--import"
 _INTERRUPTED = 130
@@ -414,7 +414,15 @@ class Delivery(NamedTuple):
         if picture is None:
             return result
         with progress_bar("photograph", len(rows), _WHY_NO_STEP) as bar:
-            shown = photographs(picture, scene, rows, self.num_seeds, every=every, begin=bar.next)
+            shown = photographs(
+                picture,
+                scene,
+                rows,
+                self.num_seeds,
+                every=every,
+                begin=bar.next,
+                within=bar.within,
+            )
         return replace(result, photographs=shown)
 
 

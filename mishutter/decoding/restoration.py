@@ -241,6 +241,7 @@ def photograph_by_frames(
     *,
     speeds: Sequence[float],  # px/s
     key: Array,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> RestoredPhotograph:
     """`restore_photograph` by the frames of a burst, whose speed the decoder finds in them.
 
@@ -254,7 +255,13 @@ def photograph_by_frames(
     middle, (_, (place,)) = sequence.num_frames // 2, sequence.along.middle
     for index, speed in enumerate(speeds):
         own_key = jax.random.fold_in(key, index)
-        result = capture_and_restore(picture, scene, sequence, speed=speed, key=own_key)
+
+        def report(text: str, share: float, before: int = index) -> None:
+            progress((before + share) / len(speeds))
+
+        result = capture_and_restore(
+            picture, scene, sequence, speed=speed, key=own_key, progress=report
+        )
         taken = sequence.along[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
         moved = round(float(speed * taken.time - (taken.position - place)))

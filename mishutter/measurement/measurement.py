@@ -13,7 +13,7 @@ from mishutter.measurement.noise import Noise, noise_of, require_others
 from mishutter.measurement.pan import registered
 from mishutter.measurement.scene import Measurement, along_axis
 from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
-from mishutter.measurement.steady import bands_of_light, steady
+from mishutter.measurement.steady import steady
 from mishutter.measurement.texture import averaged, is_empty, is_mosaic, light_of_texture
 from mishutter.model.scene_units import View
 from mishutter.model.sensor import RowsRead, Sensor
@@ -141,14 +141,8 @@ def noise_from(
     alike = steady(frames, clip.step, ways)
     told = None if black is None else float(black)
     noise = noise_of(clip, alike, read["dark"], read["flats"], told)
-    words, is_corrected = [*alike.words], bool(alike.words) and ways is None
-    bands = bands_of_light(alike.same)
-    if bands:
-        words.append(
-            f"the light differs by {bands:.1%} in bands of rows that change from frame to frame: "
-            "lamps flicker on the mains while rows are read one after another, and noise may be "
-            "too high; take daylight, or lamps on direct current"
-        )
+    words = [*alike.words]
+    is_corrected = ways is None and (alike.drift > 0 or alike.bands > 0 or alike.moves is not None)
     if noise.transfer is not None and noise.electrons_at_white is not None:
         excess = detail_excess(clip, alike, noise.transfer)
         if is_moved(excess):

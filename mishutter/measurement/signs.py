@@ -49,6 +49,10 @@ def signs_of(clip: Clip, steady: Steady, transfer: Transfer, black: float | None
         reason = f"what has detail has {excess.value:.0%} more of it: the camera or its focus moves"
         remedy = "Stand the camera on something firm, lock its focus, and record with one gain"
         others = [Refusal(NOISE, reason, remedy)]
+    elif steady.bands and any(others):
+        remedy = "Take daylight, or lamps on direct current, and record again"
+        reason = f"lamps that flicker light rows unlike, by {steady.bands:.1%}"
+        others = [Refusal(NOISE, reason, remedy)]
     elif steady.focus and any(others):
         remedy = "Lock the focus, and record again"
         others = [Refusal(NOISE, "the focus drifts over the clip, which changes edges", remedy)]

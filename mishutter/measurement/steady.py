@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
+from scipy import interpolate, ndimage
 
 from mishutter.pictures.registration.windows import means
 
@@ -30,6 +30,8 @@ _CERTAIN = 5.0
 """Errors beyond which a shake is taken for one."""
 _LEAST_OF_BANDS, _LEAST_BANDS, _CERTAIN_BANDS = 4, 0.003, 8.0
 """Frames, and blocks of rows, that show bands; their least share, and errors of a certain one."""
+_LINES_OF_BANDS, _LEAST_LIGHT = 500, 0.2
+"""Rows of blocks by which black is found, and the least light of a row by which it is divided."""
 _LEAST_FOCUS, _CERTAIN_FOCUS = 0.05, 8.0
 """Change of the square of the blur that changes no noise, px^2, and errors that make it certain."""
 
@@ -44,6 +46,8 @@ class Steady(NamedTuple):
     moves: Float[np.ndarray, "frames 2"] | None = None  # Motions that were taken out; px
     # Change of the square of the lens's blur over the clip; px^2, 0 if none is certain
     focus: float = 0.0
+    # Share by which the light of rows differs in bands that change; 0 if none are certain
+    bands: float = 0.0
     # Ways in whole pixels by which frames of a picture that moves as a whole were cut; px
     ways: Int[np.ndarray, "frames 2"] | None = None
 
@@ -90,6 +94,13 @@ class Steady(NamedTuple):
                 f"the focus drifts by {np.sqrt(self.focus):.2g} px of blur over the clip: noise is "
                 "too high, and the picture blurred; lock the focus and record again"
             )
+        if self.bands:
+            words.append(
+                f"the light differs by {self.bands:.1%} in bands of rows that change from frame to "
+                "frame, which was divided out: lamps flicker on the mains while rows are read one "
+                "after another, and noise may be off by as much; take daylight, or lamps on "
+                "direct current"
+            )
         return words
 
 
@@ -98,11 +109,13 @@ def steady(frames: np.ndarray, step: float, ways: np.ndarray | None = None) -> S
 
     Frames of a picture that moves as a whole are cut already, by the ways that it goes.
     """
-    series = _of_one_exposure(frames, step)._replace(ways=ways)
+    bands = bands_of_light(frames)
+    even = _without_bands(frames) if bands else frames
+    series = _of_one_exposure(even, step)._replace(levels=frames, ways=ways, bands=bands)
     moves, error, focus = moves_of(series.same)
     if np.abs(moves).max() > max(_MOST_SHAKE, _CERTAIN * error):
         # Where all moves, and not alike, nothing shows the exposure.
-        return Steady.of(frames, ways)
+        return Steady.of(frames, ways)._replace(same=even, bands=bands)
     if _size(moves) > max(_LEAST_SHAKE, _CERTAIN * error):
         # The mean of frames that shake is blurred, which makes their motions look smaller.
         more = moves
@@ -143,6 +156,29 @@ def bands_of_light(frames: Float[np.ndarray, "frames rows columns"]) -> float:
     value, error = float(np.mean(products)), float(np.std(products)) / np.sqrt(products.size)
     is_certain = value > max(_LEAST_BANDS**2, _CERTAIN_BANDS * error)
     return float(np.sqrt(value)) if is_certain else 0.0
+
+
+def _without_bands(
+    frames: Float[np.ndarray, "frames rows columns"],
+) -> Float[np.ndarray, "frames rows columns"]:
+    """Frames whose rows are divided by their light, the usual one 1, with black where it was."""
+    blocks = means(frames, SIDE)
+    usual = np.median(blocks, axis=0)
+    # Each row of blocks is a line in the usual one, and the lines of all meet at black.
+    every = [*np.ndindex(*blocks.shape[:2])]
+    some = every[:: max(1, len(every) // _LINES_OF_BANDS)]
+    lines = np.array([_robust_line(usual[row], blocks[frame, row]) for frame, row in some])
+    offset, slope, error = lines.T
+    weight = (1 - slope) / np.maximum(error, 1e-9) ** 2
+    black = float(np.sum(weight * offset) / np.sum(weight * (1 - slope)))
+    light = usual - black
+    seen = light > max(float(np.quantile(light, 0.25)), 0.0)
+    ratio = np.where(seen, (blocks - black) / np.where(seen, light, 1.0), np.nan)
+    lit = np.any(seen, axis=1)
+    centres = SIDE * (np.arange(len(lit)) + 0.5) - 0.5
+    by_row = interpolate.CubicSpline(centres[lit], np.nanmedian(ratio[:, lit], axis=2), axis=1)
+    gains = np.clip(by_row(np.arange(frames.shape[1])), _LEAST_LIGHT, 1 / _LEAST_LIGHT)
+    return ((frames - black) / gains[:, :, None] + black).astype(np.float32)
 
 
 def _of_one_exposure(frames: np.ndarray, step: float) -> Steady:

@@ -1,6 +1,7 @@
 """The scene's photograph, captured and restored by each of several designs."""
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -83,10 +84,12 @@ def photographs(
     *,
     every: bool = False,
     begin: Callable[[str], None],
+    within: Callable[[str, float], None] = lambda name, share: None,
 ) -> Photographs:
     """A photograph captured and restored by every row's design.
 
-    Each decoder knows of the speed as much as the one that judges the row.
+    Each decoder knows of the speed as much as the one that judges the row. `begin` is called with
+    the name of each row, and `within` with the share of it that is done.
     """
     chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}
     if every:
@@ -100,7 +103,12 @@ def photographs(
         if row.sequence is not None and not row.is_in_plane:
             moving = pictured_speeds(scene)
             shown[name] = photograph_by_frames(
-                picture, scene, row.sequence, speeds=moving, key=fixed_key()
+                picture,
+                scene,
+                row.sequence,
+                speeds=moving,
+                key=fixed_key(),
+                progress=partial(within, name),
             )
             continue
         results = restore_by_each(

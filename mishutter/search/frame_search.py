@@ -241,7 +241,7 @@ class Search(NamedTuple):
         every: list[End] = []
         best, count = -math.inf, counts[-1]
         while True:
-            progress(1 - count / (counts[-1] + 1))
+            progress(0.5 * (1 - count / (counts[-1] + 1)))
             here = [end for end in self._of_number(count) if end is not None]
             every += here
             top = max((end.level for end in here), default=-math.inf)
@@ -253,28 +253,32 @@ class Search(NamedTuple):
             if is_tied:  # fewer frames of numbers of their own may be better by far
                 most = MOST_FREE if is_worse else max(most, MOST_FREE)
             count = max((number for number in fewer if number <= most), default=fewer[0])
-        return every + (self._beside(every) if self.is_free else [])
+        return every + (self._beside(every, progress) if self.is_free else [])
 
-    def _beside(self, every: list[End]) -> list[End]:
+    def _beside(self, every: list[End], progress: Callable[[float], None]) -> list[End]:
         """Ends of descents from near the best, and from near as good ones of other numbers."""
         most, beside = best_of(every), []
         if most is None or most.frames.exposure.size > MOST_FREE:
             return []
+        progress(0.5)
         beside += again(self.levels, self.room, most, near(self.room), times=_ROUNDS)
         most = best_of([most, *beside]) or most
         followed = self.followed(most.frames.exposure.size)
         if most.frames.exposure.size > 1 and followed:
+            progress(0.6)
             changes = partial(changed, self.levels, self.room, followed)
             beside += again(self.levels, self.room, most, changes, times=_ROUNDS, least=_AS_GOOD)
         groups: dict[int, list[End]] = {}
         for end in [*every, *beside]:
             groups.setdefault(end.frames.exposure.size, []).append(end)
+        progress(0.7)
         for count, ends in groups.items():
             top = max(ends, key=lambda end: end.level)
             # The order of two frames is all one; the more there are, the more orders they have.
             if count > 2 and top.level > most.level - _NEARLY_AS_GOOD:
                 orders = reordered(self.room)
                 beside += again(self.levels, self.room, top, orders, times=count // 2)
+        progress(0.8)
         most = best_of([most, *beside]) or most
         ways, times = rearranged(self.levels, self.room), 1 + most.frames.exposure.size // 2
         arranged = again(self.levels, self.room, most, ways, times=times, least=_AS_GOOD / 4)

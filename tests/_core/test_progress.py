@@ -7,11 +7,13 @@ import threading
 import time
 
 import jax
+import numpy as np
 import pytest
 from rich.console import Console
 
 import mishutter as ms
 from mishutter._core import progress
+from mishutter._core.compiling import num_programs
 from mishutter._core.progress import Counter, counts, progress_bar, reports, working
 from mishutter.sweeps.trade_offs import best_snapshots
 
@@ -49,8 +51,7 @@ def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(impatient, monkeypat
         told = r"searching: loss 1, 7 of 40 after \d+ s"
         line_once(capsys, r"searching: 0 of 40 after \d+ s", told)
         update(9, "loss 0.9")
-        # Whether the line comes before the work counts as stuck is the machine's.
-        ended = r"searching: loss 0.9, 9 of 40 after \d+ s(, about \d+ s to go)?"
+        ended = r"searching: loss 0.9, 9 of 40 after \d+ s"
         line_once(capsys, told, ended)
     capsys.readouterr()
     with progress_bar("comparing", 8) as update:
@@ -122,11 +123,40 @@ def test_a_counter_that_stays_promises_no_end(monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     counter = Counter(400, "compiling")
     counter(0)
-    now[0] += 4
+    now[0] += 36
+    counter(50)
+    assert str(counter) == "50 of 400 after 36 s"  # of which most went into compiling
+    now[0] += 2
     counter(100)
-    assert str(counter) == "100 of 400 after 4 s, about 12 s to go"
+    assert str(counter) == "100 of 400 after 38 s, about 12 s to go"
     now[0] += 11
-    assert str(counter) == "100 of 400 after 15 s (compiling)"
+    assert str(counter) == "100 of 400 after 49 s (compiling)"
+
+
+def test_programs_that_are_compiled_are_a_sign_of_life(monkeypatch):
+    """They are counted from the last step on, once that is two seconds ago."""
+    now, ready = [1000.0], [5]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    counter = Counter(2, "a long search", lambda: ready[0])
+    counter.began("best snapshot")
+    now[0], ready[0] = now[0] + 1.5, 6
+    assert str(counter) == "best snapshot, 1 of 2 after 2 s"
+    now[0] += 1.5
+    assert str(counter) == "best snapshot, 1 of 2 after 3 s (1 program compiled)"
+    now[0], ready[0] = now[0] + 9, 18
+    words = "best snapshot, 1 of 2 after 12 s (13 programs compiled; a long search)"
+    assert str(counter) == words
+    counter.within("best snapshot", 0.25)
+    assert str(counter) == "best snapshot 25%, 1 of 2 after 12 s"
+
+
+def test_programs_are_counted_as_they_are_compiled():
+    """Each new one once."""
+    before = num_programs()
+    triple = jax.jit(lambda x: 3 * x)
+    triple(np.ones(7))
+    triple(np.ones(7))
+    assert num_programs() == before + 1
 
 
 def test_a_counter_moves_within_a_part(monkeypatch):

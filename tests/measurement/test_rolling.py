@@ -1,12 +1,14 @@
 """Clips of sensors whose rows are read one after another."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from mishutter import measure
 from mishutter.measurement.motion import Motion, MovingObject, read_in_turn
-from mishutter.measurement.steady import bands_of_light
+from mishutter.measurement.steady import bands_of_light, steady
 
 
 @pytest.mark.parametrize(("row", "seen"), [(5e-5, 1 / 0.96), (-5e-5, 1 / 1.04), (0.0, 1.0)])
@@ -52,3 +54,22 @@ def test_a_clip_with_bands_says_so_and_the_file_has_the_readout():
     assert 'rows_read = "up"' in found.scene_text
     with pytest.raises(ValueError, match=r"readout=...\)` must be at least 0, within the 33"):
         measure(clip, frames_per_s=30.3, black=64, readout=0.04)
+
+
+def test_bands_are_divided_out_about_black():
+    """Noise, the focus and what stands still are as in light that is even."""
+    draw, rows = np.random.default_rng(4), np.arange(160) / 159
+    phase = 2 * np.pi * 100 * (np.arange(10)[:, None] / 50.3 + 0.015 * rows)
+    light = picture() * (1 + 0.2 * np.cos(phase))[:, :, None]
+    frames = 0.5 * draw.poisson(light) + 64 + draw.normal(size=light.shape)
+    even = steady(frames.astype(np.float32), 1.0)
+    assert even.bands > 0.02
+    assert even.focus == 0
+    assert even.moves is None
+    noise = np.diff(even.same, axis=0)
+    # Half a level an electron, and the noise of one level: in quarters of the levels as well.
+    level = np.median(even.same, axis=0)
+    for low, high in itertools.pairwise(np.quantile(level, (0, 0.25, 0.5, 0.75, 1))):
+        some = (level >= low) & (level < high)
+        wanted = 2 * (0.5 * (level[some].mean() - 64) + 1)
+        assert np.var(noise[:, some]) == pytest.approx(wanted, rel=0.06)

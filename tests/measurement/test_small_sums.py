@@ -573,18 +573,25 @@ def test_a_shake_is_found_by_some_pixels_of_a_large_picture(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("excess", "other", "focus", "reason"),
+    ("excess", "other", "signs", "reason"),
     [
-        ((0.1, 0.01), True, 0.0, "what has detail has 10% more of it"),
-        ((0.2, 0.01), False, 0.0, "what has detail has 20% more of it"),
-        ((0.1, 0.01), False, 0.0, None),
-        ((0.1, 0.03), True, 0.0, "another"),
-        ((0.03, 0.001), True, 0.0, "another"),
-        ((0.03, 0.001), True, 0.1, "the focus drifts"),
-        ((0.03, 0.001), False, 0.1, None),
+        ((0.1, 0.01), True, {}, "what has detail has 10% more of it"),
+        ((0.2, 0.01), False, {}, "what has detail has 20% more of it"),
+        ((0.1, 0.01), False, {}, None),
+        ((0.1, 0.03), True, {}, "another"),
+        ((0.03, 0.001), True, {}, "another"),
+        ((0.03, 0.001), True, {"focus": 0.1}, "the focus drifts"),
+        ((0.03, 0.001), False, {"focus": 0.1}, None),
+        (
+            (0.03, 0.001),
+            True,
+            {"focus": 0.1, "bands": 0.195},
+            "lamps that flicker light rows unlike, by 19.5%",
+        ),
+        ((0.03, 0.001), False, {"bands": 0.195}, None),
     ],
 )
-def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypatch):
+def test_what_moves_explains_other_signs(excess, other, signs, reason, monkeypatch):
     """Where edges have more noise than chance gives them, or the focus drifts."""
     another = Refusal("the noise", "another", "remedy") if other else None
     for name in ("_repeats", "_steps_of_eight", "_correlates", "_bends"):
@@ -597,7 +604,7 @@ def test_what_moves_explains_other_signs(excess, other, focus, reason, monkeypat
         *(Law(1.0, 1.0, 0.1), blocks, blocks, 1.0, np.zeros((2, 2)), Estimate(0.0, 1.0)),
         np.ones((1, 1, 900), bool),
     )
-    steady = Steady.of(frames)._replace(focus=focus)
+    steady = Steady.of(frames)._replace(**signs)
     found = signs_of(clip, steady, transfer, None)
     assert [each.reason[: len(reason or "")] for each in found] == [reason] * (reason is not None)
 

@@ -118,9 +118,9 @@ def test_a_search_by_rows_gains_and_keeps_the_limits(monkeypatch):
     scene = Scene([-1500.0, 200.0, 1300.0], [0.4, 0.3, 0.3], limits=limits, burst=burst, **light)
     former, by_rows = [], moving_frames._by_rows
 
-    def noted(scene, found, search):
+    def noted(scene, found, *others):
         former.extend(each.level for each in found)
-        return by_rows(scene, found, search)
+        return by_rows(scene, found, *others)
 
     monkeypatch.setattr(moving_frames, "_by_rows", noted)
     best = best_moving_burst(scene)

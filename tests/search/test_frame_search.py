@@ -363,7 +363,7 @@ def test_frames_that_share_numbers_are_compared_with_fewer_that_do_not(
         return [End(FREE, _frames(1, 1), 30 - abs(count - best))]
 
     monkeypatch.setattr(Search, "_of_number", of_number)
-    monkeypatch.setattr(Search, "_beside", lambda self, every: [])
+    monkeypatch.setattr(Search, "_beside", lambda self, every, progress: [])
     search = Search(levels, room, lambda shape: [], lambda count: 1, lambda count: (), is_free)
     search.ends([*range(1, most + 1)], lambda share: None)
     assert seen == tried
