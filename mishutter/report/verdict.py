@@ -365,11 +365,10 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
     said = f"{added} It {way}: {numbers}{axes}, {run_up}."
-    slowest, fastest = (0.0, 0.0) if choice.is_in_plane else map(float, scene.speed_range)
-    if frames.num_frames > MOST_FREE and slowest * fastest > 0:
+    if frames.num_frames > MOST_FREE and not choice.is_in_plane:
         said += (
             f" More than {MOST_FREE} frames are searched on ways of few numbers alone, which may "
-            "lose 1 dB where everything moves one way."
+            "lose some tenths of a decibel."
         )
     return said
 
