@@ -68,8 +68,8 @@ _WAYS = {
     ALTERNATING: ("turns back in each frame", "swings {way}"),
     SWINGS: ("turns back in each frame", "swings {way}"),
     FAN: (
-        "takes another constant velocity in each frame",
-        "takes a constant speed in each, over {way}",
+        "takes another velocity in each frame",
+        "takes a speed of its own in each, over {way}",
     ),
     FOLLOW: (
         "follows the objects at {speeds} and flies back between frames, {turns}",
@@ -79,8 +79,8 @@ _WAYS = {
     TWO_SINES: ("follows two sines", "follows two sines over {way}"),
     CROSSED: ("swings along two axes in turn", "swings {way} along two axes in turn"),
     RING: (
-        "takes another constant velocity in each frame",
-        "takes another constant velocity in each over {way}",
+        "takes another velocity in each frame",
+        "takes another velocity in each over {way}",
     ),
     FREE: ("takes a path of its own in each frame", "follows a free path over {way}"),
 }
@@ -365,11 +365,10 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
     said = f"{added} It {way}: {numbers}{axes}, {run_up}."
-    slowest, fastest = (0.0, 0.0) if choice.is_in_plane else map(float, scene.speed_range)
-    if frames.num_frames > MOST_FREE and slowest * fastest > 0:
+    if frames.num_frames > MOST_FREE and not choice.is_in_plane:
         said += (
             f" More than {MOST_FREE} frames are searched on ways of few numbers alone, which may "
-            "lose 1 dB where everything moves one way."
+            "lose some tenths of a decibel."
         )
     return said
 

@@ -234,7 +234,10 @@ class Search(NamedTuple):
     is_free: bool  # Whether each frame may have numbers of its own
 
     def ends(self, counts: list[int], progress: Callable[[float], None]) -> list[End]:
-        """Ends of descents of the most frames and of ever fewer, while fewer are as good."""
+        """Ends of descents of the most frames and of ever fewer, while fewer are as good.
+
+        The most frames that have numbers of their own are tried in any case.
+        """
         every: list[End] = []
         best, count = -math.inf, counts[-1]
         while True:
@@ -243,10 +246,13 @@ class Search(NamedTuple):
             every += here
             top = max((end.level for end in here), default=-math.inf)
             fewer = [number for number in counts if number < count]
-            if not fewer or top < best - _AS_GOOD:
+            is_tied, is_worse = self.is_free and count > MOST_FREE, top < best - _AS_GOOD
+            if not fewer or (is_worse and not is_tied):
                 break
-            best = max(best, top)
-            count = max((number for number in fewer if number <= 0.8 * count), default=fewer[0])
+            best, most = max(best, top), 0.8 * count
+            if is_tied:  # fewer frames of numbers of their own may be better by far
+                most = MOST_FREE if is_worse else max(most, MOST_FREE)
+            count = max((number for number in fewer if number <= most), default=fewer[0])
         return every + (self._beside(every, progress) if self.is_free else [])
 
     def _beside(self, every: list[End], progress: Callable[[float], None]) -> list[End]:

@@ -240,7 +240,7 @@ HEADLINES = {
     ),
     "fan": (
         {"levels": OF_FRAMES, "kind": FAN},
-        "Take 4 frames while the stage takes a constant speed in each, over 45 px: 26.5 dB, "
+        "Take 4 frames while the stage takes a speed of its own in each, over 45 px: 26.5 dB, "
         "4.5 dB better than a snapshot.",
     ),
     "a camera that turns too": (
@@ -414,7 +414,7 @@ def test_an_answer_says_what_it_assumes():
         ({"kind": ALTERNATING}, "turns back in each frame"),
         ({"kind": SWEEP, "moving": 3, "rests": 1}, "rests in the first frame, then goes out and"),
         ({"kind": SINE, "moving": 5, "rests": 2}, "rests in the first 2 frames, then swings on a"),
-        ({"kind": FAN}, "takes another constant velocity in each frame"),
+        ({"kind": FAN}, "takes another velocity in each frame"),
     ],
 )
 def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
@@ -626,12 +626,12 @@ def test_an_answer_says_where_frames_that_move_are_left_out(speeds):
 
 @pytest.mark.parametrize(("number", "slowest"), [(25, 500.0), (24, 500.0), (25, -500.0)])
 def test_an_answer_says_where_its_frames_were_searched_on_simple_ways(number, slowest):
-    """More than 24 frames of things that move one way."""
+    """More than 24 frames, of things that move one way or both."""
     light = {"photon_rate": 1e5, "read_noise": 10.0, "limits": SCENE.limits}
     rows = of_bursts(OF_FRAMES, moving=number)
     said = with_verdict(rows, {}, Scene([slowest, 3000.0], **light)).verdict
     is_said = "More than 24 frames are searched" in said.replace("\n", " ")
-    assert is_said == (number > 24 and slowest > 0)
+    assert is_said == (number > 24)
 
 
 def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():

@@ -326,7 +326,10 @@ def test_frames_are_slowed_down_about_their_pan_and_no_more_than_is_needed(scene
 def test_ever_fewer_frames_are_tried_while_they_are_as_good(
     levels_of, tried, levels, room, monkeypatch
 ):
-    """At most four fifths of those before, until they are 0.02 dB below the best."""
+    """At most four fifths of those before, until they are 0.02 dB below the best.
+
+    Half of the bar is theirs: the rest of the search goes on from the best.
+    """
     seen, shares = [], []
 
     def of_number(self, count):
@@ -338,7 +341,35 @@ def test_ever_fewer_frames_are_tried_while_they_are_as_good(
     ends = search.ends([1, 2, 3, 4, 6, 8, 12, 16], shares.append)
     assert seen == tried
     assert [end.level for end in ends] == [levels_of(count) for count in tried]
-    np.testing.assert_allclose(shares, 1 - np.array(tried) / 17)
+    np.testing.assert_allclose(shares, (1 - np.array(tried) / 17) / 2)
+
+
+@pytest.mark.parametrize(
+    ("is_free", "most", "best", "tried"),
+    [
+        (True, 64, 64, [64, 51, 24]),
+        (True, 64, 40, [64, 51, 40, 32, 24]),
+        (True, 25, 25, [25, 24]),
+        (True, 64, 24, [64, 51, 40, 32, 25, 24, 19]),
+        (False, 64, 64, [64, 51]),
+        (False, 25, 25, [25, 20]),
+    ],
+)
+def test_frames_that_share_numbers_are_compared_with_fewer_that_do_not(
+    is_free, most, best, tried, levels, room, monkeypatch
+):
+    """Whatever the level of the former; 24 frames are the most that have numbers of their own."""
+    seen = []
+
+    def of_number(self, count):
+        seen.append(count)
+        return [End(FREE, _frames(1, 1), 30 - abs(count - best))]
+
+    monkeypatch.setattr(Search, "_of_number", of_number)
+    monkeypatch.setattr(Search, "_beside", lambda self, every, progress: [])
+    search = Search(levels, room, lambda shape: [], lambda count: 1, lambda count: (), is_free)
+    search.ends([*range(1, most + 1)], lambda share: None)
+    assert seen == tried
 
 
 def test_free_frames_begin_with_flights_back_and_with_one_long_exposure(levels, room, monkeypatch):
