@@ -1,5 +1,6 @@
 """Commands that take pictures: `simulate` and `reproduce`."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -320,9 +321,11 @@ def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
 
 
 def _speed_words(speed: float, error: float) -> str:
-    """A speed, px/s: whole where it is fast, or no better known."""
-    is_whole = error >= 1 or abs(speed) >= 1e3
-    return f"{speed:,.0f}" if is_whole else f"{round(speed, 6) + 0.0:,.4g}"
+    """A speed, px/s, down to the first digit that its error leaves open."""
+    if error <= 0:
+        return f"{round(speed, 6) + 0.0:,.6g}"
+    digits = max(0, -math.floor(math.log10(max(error, _LEAST_ERROR))))
+    return f"{round(speed, digits) + 0.0:,.10g}"
 
 
 def _error_words(error: float) -> str:
@@ -341,8 +344,8 @@ def print_objects(found: "RestoredFrames | None") -> None:
         across, down = each.velocity.tolist()
         size = f"{each.area:,.0f}"
         trust = "trusted" if each.trusted else f"not trusted: {each.doubt}"
-        known = f" +- {each.error:,.2g}" if each.error > 0 else ", as told"
-        speed = f"{across:,.4g}, {down:,.4g}{known}"
+        known = f" {_error_words(each.error)}" if each.error > 0 else ", as told"
+        speed = ", ".join(_speed_words(one, each.error) for one in (across, down)) + known
         rows.append([f"{number}", speed, size, trust])
     if rows:
         print_table("Objects found", ["", "along rows, columns / px/s", "px", ""], rows)

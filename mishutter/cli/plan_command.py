@@ -42,10 +42,10 @@ def plan(
     start_jax()
     scene = scene_of(scene_file)
     if scene.velocities is not None:
-        from mishutter.search.plane_frames import grid_words
+        from mishutter.search.plane_frames import search_words
 
-        search: dict[str, Any] = {"search": grid_words()}
-        text = grid_words()
+        text = search_words(scene)
+        search: dict[str, Any] = {"search": text}
     else:
         chosen = loss_of(loss, scene)
         with working("planning"):

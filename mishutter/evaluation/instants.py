@@ -58,24 +58,29 @@ class Instants(NamedTuple):
         num_panels: int | None = None,
         size: int = 1,
         delay: float = 0.0,
+        about: ArrayLike = 0.0,
     ) -> "Instants":
         """Instants of exposures for all things up to a speed; by NumPy where they are concrete.
 
         Args:
             frames: The exposures.
-            fastest: That speed; px/s.
+            fastest: That speed, beside `about`; px/s.
             lights: First and last light of each, s, where these are not the exposure's own, but
                 those of a shorter shutter.
             num_panels: Panels of 16 nodes in each; by default those that known exposures need.
             size: Side of the pixels that places are counted in; px.
             delay: Time by which a row is exposed later than the middle of all, and sees the later
                 part of the path, which is known; s.
+            about: Velocity that all things move about, along each axis; px/s.
         """
         if num_panels is None:
-            known, fastest = primal_values((frames, fastest))
+            known, fastest, about = primal_values((frames, fastest, about))
             is_known, requirement = all_concrete((known, fastest)), "be given where JAX traces them"
             require(is_known, "exposures_psnr(num_panels=...)", requirement, num_panels)
-            way = frames_in(known).longest_way(float(np.asarray(fastest))) / size
+            few = Instants.of(known, 0.0, lights=lights, num_panels=2, delay=delay)
+            velocity = np.broadcast_to(np.asarray(about, np.float64), few.place.shape[:1])
+            ways = few.ways(velocity) + float(np.asarray(fastest)) * few.exposure
+            way = float(np.max(ways)) / size
             require(math.isfinite(way), "exposures_psnr(exposures=...)", "be finite numbers", way)
             num_panels = panels_for(way)
         with outside_trace() if all_concrete(frames) else nullcontext():
@@ -116,6 +121,11 @@ class Instants(NamedTuple):
     def displacement(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n q"]:
         """Way of a thing on the sensor since the middle of all; px."""
         return self.place - velocity[:, None, None] * self.time
+
+    def ways(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "n"]:
+        """Length of the way of a thing in each exposure; px."""
+        steps = np.diff(self.displacement(velocity))
+        return np.sum(np.linalg.norm(steps, axis=0), axis=-1)
 
     def middles(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n"]:
         """The mean way of a thing in each exposure; px."""

@@ -152,15 +152,19 @@ def instants_of(
     if isinstance(frames, Instants):
         return frames
     _require_some(frames, caller)
-    fastest = 0.0
+    fastest = about = 0.0
     if num_panels is None:
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
         requirement = "be given where JAX traces exposures or velocities"
         require(all_concrete(known), f"{caller}(num_panels=...)", requirement, num_panels)
         primal = primal_values(scene)
-        parts = primal if scene.velocities is not None else in_parts(primal)
-        fastest = float(parts.max_speed)
-    return Instants.of(frames, fastest, lights=lights, num_panels=num_panels, delay=delay)
+        if scene.velocities is not None:
+            fastest = float(primal.max_speed)
+        else:
+            slowest, fastest = (float(each) for each in in_parts(primal).speed_range)
+            about, fastest = (slowest + fastest) / 2, (fastest - slowest) / 2
+    options = {"lights": lights, "num_panels": num_panels, "delay": delay}
+    return Instants.of(frames, fastest, about=about, **options)
 
 
 def fan_of(scene: Scene, instants: Instants, grid: Grid) -> Fan:

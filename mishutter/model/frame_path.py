@@ -155,14 +155,6 @@ class FramePath(AbstractModule):
         middle = (ends[0][:1] + ends[1][-1:]) / 2
         return middle[0], self.place(middle)[:, 0]
 
-    def longest_way(self, fastest: float) -> float:
-        """Longest way over the sensor in a known frame; px.
-
-        Args:
-            fastest: Speed of the fastest thing; px/s.
-        """
-        return (self.top_speed + fastest) * float(np.max(np.asarray(self.exposures)))
-
     def cuts(self, begin: Numbers, end: Numbers, delay: float) -> Numbers:
         """Bends of a path for rows within each exposure; beyond the last that it has, its end.
 
@@ -420,10 +412,6 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
         near = space.clip(0 * times, times - halves, times + halves)
         order, at = space.argsort(near), self.place(near[:, None])[0, :, 0]
         return 0.0, space.interp(0 * near[:1], near[order], at[order])
-
-    def longest_way(self, fastest: float) -> float:
-        """Longest way over the sensor in a known frame, of anything up to a speed, px/s; px."""
-        return max((float(x.motion.top_speed) + fastest) * x.exposure for x in self.frames)
 
     def cuts(self, begin: Numbers, end: Numbers, delay: float) -> Numbers:
         """Times at which the acceleration of each jumps; beyond the last that it has, its end."""

@@ -12,16 +12,16 @@ from mishutter.pictures.images import write_picture
 _COLOURS = np.array(
     [
         [0.0, 0.0, 0.0],
-        [0.0, 0.45, 0.70],
-        [0.90, 0.62, 0.0],
-        [0.0, 0.62, 0.45],
-        [0.80, 0.47, 0.65],
-        [0.34, 0.71, 0.91],
-        [0.84, 0.37, 0.0],
-        [0.94, 0.89, 0.26],
+        [0.0, 0.24, 0.38],
+        [0.89, 0.61, 0.0],
+        [0.0, 0.46, 0.33],
+        [0.56, 0.33, 0.46],
+        [0.45, 0.76, 0.92],
+        [0.64, 0.28, 0.0],
+        [0.95, 0.9, 0.36],
     ]
 )
-"""Colours of the background, which is black, and of objects."""
+"""Colours of the background, which is black, and of objects; greys tell them apart too."""
 
 
 def write_objects(folder: Path, found: RestoredFrames | None) -> list[str]:

@@ -476,7 +476,11 @@ def plot_transfer(
     errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    of = f" of {knowledge.filter_words}" if answer is None else " as in the answer"
+    of = f" of {knowledge.filter_words}"
+    if answer is not None:
+        # An answer takes off what a decoder loses that finds the speed.
+        drawn = f", curves of {knowledge.filter_words}" if knowledge.finds_speed else ""
+        of = f" as in the answer{drawn}"
     _legend(figure, errors, f"expected PSNR{of}, linear light")
     return figure
 

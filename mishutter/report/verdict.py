@@ -68,8 +68,8 @@ _WAYS = {
     ALTERNATING: ("turns back in each frame", "swings {way}"),
     SWINGS: ("turns back in each frame", "swings {way}"),
     FAN: (
-        "takes another constant velocity in each frame",
-        "takes a constant speed in each, over {way}",
+        "takes another velocity in each frame",
+        "takes a speed of its own in each, over {way}",
     ),
     FOLLOW: (
         "follows the objects at {speeds} and flies back between frames, {turns}",
@@ -79,8 +79,8 @@ _WAYS = {
     TWO_SINES: ("follows two sines", "follows two sines over {way}"),
     CROSSED: ("swings along two axes in turn", "swings {way} along two axes in turn"),
     RING: (
-        "takes another constant velocity in each frame",
-        "takes another constant velocity in each over {way}",
+        "takes another velocity in each frame",
+        "takes another velocity in each over {way}",
     ),
     FREE: ("takes a path of its own in each frame", "follows a free path over {way}"),
 }

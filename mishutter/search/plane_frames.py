@@ -41,10 +41,8 @@ from mishutter.search.frame_ties import (
     AS_GOOD,
     BRACKETED,
     CIRCLE,
-    CROSSED,
     MOST,
     MOST_FREE,
-    RING,
     SIMPLEST_FIRST,
     STILLS,
     TWO_SINES,
@@ -356,15 +354,25 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
     return frames._replace(velocity=frames.velocity @ unit, place=place, pan=frames.pan @ unit)
 
 
-def grid_words() -> str:
+def search_words(scene: Scene) -> str:
     """The computations of a search in the plane, in words."""
     radii, angles, speeds, corner = SEARCHED
     finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
-    ways = ", ".join((STILLS, BRACKETED, *WAYS, CIRCLE, TWO_SINES, CROSSED, RING))
+    is_free = scene.limits.axes != "one"
+    if not scene.limits.moves or scene.is_found_by_object:
+        ways = (
+            f"{STILLS} and {BRACKETED}, with levels over {finer} radii, directions and velocities."
+        )
+    else:
+        tried = (STILLS, BRACKETED, *WAYS, *(WAYS_ON_TWO_AXES if is_free else ()))
+        free = "a velocity and a place of its own for each frame, "
+        ways = (
+            f"{', '.join(tried)}, {f'and from the best of them {free}' if is_free else ''}over "
+            f"{radii} radii x {angles} directions x {speeds} velocities and {corner} radii of the "
+            f"corners, and {_FINER} times the radii for one exposure alone; levels are over "
+            f"{finer}, as is the last descent of one exposure."
+        )
     return (
-        f"The search tries {ways}, and from the best of them a velocity and a place of its own for "
-        f"each frame, over {radii} radii x {angles} directions x {speeds} velocities and {corner} "
-        f"radii of the corners, and {_FINER} times the radii for one exposure alone; levels are "
-        f"over {finer}, as is the last descent of one exposure. A list of few velocities has the "
-        "more directions. One filter for all velocities is not searched: it gains nothing there."
+        f"The search tries {ways} A list of few velocities has the more directions. One filter for "
+        "all velocities is not searched: it gains nothing there."
     )

@@ -67,7 +67,9 @@ def test_a_speed_is_told_with_its_error_and_trust():
     for estimate, in_burst, words in (
         (a_speed(), False, ("432 +- 12", "trusted")),
         (told, False, ("431.6, as told", "trusted")),
-        (told._replace(speed=0.0304, error=4e-2), False, ("0.0304 +- 0.04", "trusted")),
+        (told._replace(speed=0.0304, error=4e-2), False, ("0.03 +- 0.04", "trusted")),
+        (told._replace(speed=1500.26, error=0.31), False, ("1,500.3 +- 0.31", "trusted")),
+        (told._replace(speed=1500.26, error=2.3), False, ("1,500 +- 2.3", "trusted")),
         (nothing, False, ("none", "restored for all speeds of the scene")),
         (a_velocity(), True, ("432, -1,208 +- 13", "trusted")),
         (doubted, True, ("432, -1,208 +- 13", "not trusted, but used")),
@@ -103,7 +105,7 @@ def test_objects_are_told_along_rows_and_columns(capsys):
     found.objects = objects
     camera.print_objects(found)
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert "1 431.6, -12 +- 13 1,210 trusted" in rows
+    assert "1 432, -12 +- 13 1,210 trusted" in rows
     assert "2 -90, 3.5, as told 640 not trusted: dim" in rows
     first, second = camera.objects_document(found)["objects"]
     assert first["velocity_px_per_s"] == [431.6, -12.0]

@@ -355,8 +355,13 @@ def test_a_transfer_is_of_the_filter_of_the_decoder(knows):
         metrics = evaluate(SCENE, motion, shutter)
         psnr = float(SPEED_KNOWLEDGE["unknown" if knows == "unknown" else "known"].psnr(metrics))
         assert -10 * np.log10(line.get_ydata()[-1] * 1e-3) == pytest.approx(psnr, abs=1e-9)
+    words = SPEED_KNOWLEDGE[knows].filter_words
     title = errors.figure.legends[0].get_title().get_text()
-    assert title == f"expected PSNR of {SPEED_KNOWLEDGE[knows].filter_words}, linear light"
+    assert title == f"expected PSNR of {words}, linear light"
+    figure = plot_transfer(SCENE, DESIGNS, knows, dict.fromkeys(DESIGNS, 27.3))
+    drawn = f", curves of {words}" if knows == "found" else ""
+    title = figure.legends[0].get_title().get_text()
+    assert title == f"expected PSNR as in the answer{drawn}, linear light"
 
 
 @pytest.mark.slow

@@ -240,7 +240,7 @@ HEADLINES = {
     ),
     "fan": (
         {"levels": OF_FRAMES, "kind": FAN},
-        "Take 4 frames while the stage takes a constant speed in each, over 45 px: 26.5 dB, "
+        "Take 4 frames while the stage takes a speed of its own in each, over 45 px: 26.5 dB, "
         "4.5 dB better than a snapshot.",
     ),
     "a camera that turns too": (
@@ -414,7 +414,7 @@ def test_an_answer_says_what_it_assumes():
         ({"kind": ALTERNATING}, "turns back in each frame"),
         ({"kind": SWEEP, "moving": 3, "rests": 1}, "rests in the first frame, then goes out and"),
         ({"kind": SINE, "moving": 5, "rests": 2}, "rests in the first 2 frames, then swings on a"),
-        ({"kind": FAN}, "takes another constant velocity in each frame"),
+        ({"kind": FAN}, "takes another velocity in each frame"),
     ],
 )
 def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):

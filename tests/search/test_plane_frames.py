@@ -33,7 +33,7 @@ from mishutter.search.frame_levels import Frames, Levels, Shape
 from mishutter.search.frame_limits import Room
 from mishutter.search.frame_search import Descent, End
 from mishutter.search.frame_ties import FREE, RING, STILLS, SWEEP, WAYS, WAYS_ON_TWO_AXES, Tie
-from mishutter.search.plane_frames import PlaneSearch, _PlaneSearch, _Stage
+from mishutter.search.plane_frames import PlaneSearch, _PlaneSearch, _Stage, search_words
 
 LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)
 BURST = BurstMode(frames_per_s=90.0, window=0.05, max_frames=4)
@@ -565,3 +565,21 @@ def test_before_a_background_frames_rest_and_one_frame_has_one_filter():
     alike = Scene.any_direction(ListedVelocities([(500.0, 200.0)]), occlusion=whole, **numbers)
     snapshot = best_in_plane(alike).snapshot
     assert snapshot.level == pytest.approx(float(exposures_psnr(alike, snapshot)), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "wanted", "others"),
+    [
+        ({}, (*WAYS, *WAYS_ON_TWO_AXES, "a place of its own"), ()),
+        ({"axes": "one"}, WAYS, (*WAYS_ON_TWO_AXES, "a place of its own")),
+        ({"max_stroke": 0.0, "max_travel": None}, (), (*WAYS, *WAYS_ON_TWO_AXES)),
+        (None, (), (*WAYS, *WAYS_ON_TWO_AXES)),
+    ],
+)
+def test_a_plan_names_the_ways_that_are_searched(change, wanted, others):
+    """Of a stage of two axes, of one and of none, and before a background at rest alone."""
+    layers = Occlusion(front_share=0.3, object_width=70.0)
+    scene = a_scene(occlusion=layers) if change is None else a_scene(replace(LIMITS, **change))
+    words = search_words(scene)
+    assert all(each in words for each in (STILLS, *wanted))
+    assert not any(f" {each}," in words for each in others)
