@@ -34,8 +34,10 @@ from mishutter.pictures.registration.windows import means
 
 _WIDTH, _FINER = 6, 1.25
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
-_MOST_TRIED = 49
-"""Most delays at which responses are compared."""
+_MOST_ALONE = 49
+"""Most rows that each have a response of their own."""
+_MOST_TRIED, _PX_A_DELAY = 97, 1.25
+"""Most delays at which responses are compared, and way of the sensor from one to the next."""
 _SOME, _GRIDS = 3, ((128,), (64, 64))
 """Velocities, and frequencies along each axis, at which they are compared."""
 SHARE, ROUGH_SHARE = 0.003, 4.0
@@ -142,7 +144,7 @@ class RowsInTurn:
         """
         paths, canvas = self.paths, self._canvas
         length, first = canvas.shape[-1], canvas.margin[-1]
-        if not paths.is_along and paths.delays.size <= _MOST_TRIED:
+        if not paths.is_along and paths.delays.size <= _MOST_ALONE:
             every = [paths.at(each) for each in paths.delays.tolist()]
             if by_time:
                 every = [one._replace(weight=one.weight * one.time) for one in every]
@@ -179,7 +181,7 @@ class RowsInTurn:
         paths, canvas = self.paths, self._canvas
         count, low, high = len(paths.middles), *(f(paths.delays).item() for f in (np.min, np.max))
         way = paths.path.top_speed * (high - low) / canvas.size
-        tried = np.linspace(low, high, min(math.ceil(way / 2) + 5, _MOST_TRIED))
+        tried = np.linspace(low, high, min(math.ceil(way / _PX_A_DELAY) + 5, _MOST_TRIED))
         there = [paths.at(each) for each in tried.tolist()]
         places = CubicSpline(tried, np.stack([*map(_mean_place, there)]))(paths.delays)
         places = np.moveaxis(places, 0, -1)
