@@ -26,6 +26,7 @@ ALL = (
     "bursts",
     "plane",
     "bursts_search",
+    "many_frames",
     "bursts_photographs",
     "plane_photographs",
     "trust",
