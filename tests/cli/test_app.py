@@ -231,10 +231,10 @@ def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("place", "arguments", "told"),
     [
-        ("search.sequences.shown_bursts", ["optimise"], "the same command starts again"),
+        ("search.bursts.shown_bursts", ["optimise"], "the same command starts again"),
         ("report.comparison.compare", ["compare"], "the same command starts again"),
         (
-            "decoding.simulation.capture_and_restore",
+            "decoding.restoration.capture_and_restore",
             ["simulate", "--out", "x"],
             "the same command starts",
         ),
