@@ -13,6 +13,7 @@ where the package's level is no longer the stored one or the stored gain was lar
 import json
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -120,9 +121,7 @@ def at_random(room: Room, shape: Shape, scene: Scene, draw: np.random.Generator)
 
 def long_search(scene: Scene, count: int, seed: int) -> tuple[float, int]:
     """The level that is told of the best frames, and the number of descents."""
-    draw, burst = np.random.default_rng(seed), cast(BurstMode, scene.burst)
-    fastest = float(np.max(np.abs(np.asarray(scene.speeds))))
-    room = Room.of(scene.limits, FrameTimes.of(scene, burst), fastest)
+    draw, room = np.random.default_rng(seed), room_of(scene)
     found: list[End | None] = []
     for number in sorted({count, max(2, round(0.8 * count)), max(2, count // 2)}):
         shape = Shape(number, 2 if number <= 3 else 1, 1)
@@ -138,8 +137,19 @@ def long_search(scene: Scene, count: int, seed: int) -> tuple[float, int]:
         descent = Descent(Levels.on_axis(scene), room, top.frames.shape)
         share, longer = draw.choice([0.02, 0.1, 0.4], 2)
         found.append(descent.free(shaken(top.frames, draw, room, share, longer)))
-    told = [levels_of(scene, sequence_of(x.frames, x.kind).along)[0] for x in found if x]
-    return max(told, default=-np.inf), len(found)
+    return told(scene, found), len(found)
+
+
+def told(scene: Scene, ends: Sequence[End | None]) -> float:
+    """The best level of some ends, as it is told; dB."""
+    each = (sequence_of(end.frames, end.kind) for end in ends if end is not None)
+    return max((levels_of(scene, frames.along)[0] for frames in each), default=-np.inf)
+
+
+def room_of(scene: Scene) -> Room:
+    """The room that a scene's stage and its times leave to frames."""
+    fastest = float(np.max(np.abs(np.asarray(scene.speeds))))
+    return Room.of(scene.limits, FrameTimes.of(scene, cast(BurstMode, scene.burst)), fastest)
 
 
 def by_quadrature(scene: Scene, sequence: Exposures) -> float:

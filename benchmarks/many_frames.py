@@ -14,13 +14,11 @@ import jax
 import numpy as np
 
 from benchmarks import harness
+from benchmarks.bursts_search import room_of, told
 from mishutter import BurstMode, Limits, Scene
-from mishutter.evaluation.bursts import FrameTimes
 from mishutter.search.frame_levels import Levels, Shape
-from mishutter.search.frame_limits import Room
-from mishutter.search.frame_search import Descent, End, one_by_one, shaken
+from mishutter.search.frame_search import Descent, one_by_one, shaken
 from mishutter.search.frame_ties import BRACKETED, MOST_FREE, STILLS, WAYS, Tie
-from mishutter.search.moving_frames import levels_of, sequence_of
 
 _STARTS = 4
 """Paths of few numbers, the best first, near which frames of their own numbers begin."""
@@ -82,8 +80,7 @@ def climbs(scene: Scene, count: int) -> tuple[float, float]:
     """Levels of the best of so many frames, on paths of few numbers and with their own; dB."""
     speeds = np.asarray(scene.speeds, np.float64)
     slowest, fastest = float(speeds.min()), float(speeds.max())
-    times = FrameTimes.of(scene, cast(BurstMode, scene.burst))
-    room, shape = Room.of(scene.limits, times, float(np.max(np.abs(speeds)))), Shape(count, 1, 1)
+    room, shape = room_of(scene), Shape(count, 1, 1)
     levels, draw = Levels.on_axis(scene), np.random.default_rng(count)
     descent, line = Descent(levels, room, shape), (slowest, fastest, np.ones(1), np.zeros(1))
     ties = [Tie(kind, room, shape, *line) for kind in (STILLS, BRACKETED, *WAYS)]
@@ -93,12 +90,6 @@ def climbs(scene: Scene, count: int) -> tuple[float, float]:
     starts.append(one_by_one(levels, room, shape, (*speeds.tolist(), 0.0)))
     free = [descent.free(shaken(start, draw, room, 0.01)) for start in starts]
     return told(scene, tied), told(scene, free)
-
-
-def told(scene: Scene, ends: list[End | None]) -> float:
-    """The best level of some ends, as it is told; dB."""
-    each = (sequence_of(end.frames, end.kind) for end in ends if end is not None)
-    return max(levels_of(scene, frames.along)[0] for frames in each)
 
 
 def measured(name: str) -> dict[str, Any]:

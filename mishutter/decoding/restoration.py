@@ -253,14 +253,14 @@ def photograph_by_frames(
     reference = behind_optics(np.asarray(radiance), scene)
     captured, restored, doubts, trials = [], [], [], []
     middle, (_, (place,)) = sequence.num_frames // 2, sequence.along.middle
+
+    def report(index: int, text: str, share: float) -> None:
+        progress((index + share) / len(speeds))
+
     for index, speed in enumerate(speeds):
-        own_key = jax.random.fold_in(key, index)
-
-        def report(text: str, share: float, before: int = index) -> None:
-            progress((before + share) / len(speeds))
-
+        own_key, own_report = jax.random.fold_in(key, index), partial(report, index)
         result = capture_and_restore(
-            picture, scene, sequence, speed=speed, key=own_key, progress=report
+            picture, scene, sequence, speed=speed, key=own_key, progress=own_report
         )
         taken = sequence.along[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))

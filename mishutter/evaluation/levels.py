@@ -162,6 +162,7 @@ def instants_of(
             fastest = float(primal.max_speed)
         else:
             slowest, fastest = (float(each) for each in in_parts(primal).speed_range)
+            # Frames that follow things pass few pixels of them, however fast both move.
             about, fastest = (slowest + fastest) / 2, (fastest - slowest) / 2
     options = {"lights": lights, "num_panels": num_panels, "delay": delay}
     return Instants.of(frames, fastest, about=about, **options)

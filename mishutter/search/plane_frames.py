@@ -358,21 +358,21 @@ def search_words(scene: Scene) -> str:
     """The computations of a search in the plane, in words."""
     radii, angles, speeds, corner = SEARCHED
     finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
-    is_free = scene.limits.axes != "one"
+    tried, free = [STILLS, BRACKETED], ""
     if not scene.limits.moves or scene.is_found_by_object:
-        ways = (
-            f"{STILLS} and {BRACKETED}, with levels over {finer} radii, directions and velocities."
-        )
+        over = f"with levels over {finer} radii, directions and velocities"
+        said = f"{' and '.join(tried)}, {over}"
     else:
-        tried = (STILLS, BRACKETED, *WAYS, *(WAYS_ON_TWO_AXES if is_free else ()))
-        free = "a velocity and a place of its own for each frame, "
-        ways = (
-            f"{', '.join(tried)}, {f'and from the best of them {free}' if is_free else ''}over "
-            f"{radii} radii x {angles} directions x {speeds} velocities and {corner} radii of the "
-            f"corners, and {_FINER} times the radii for one exposure alone; levels are over "
-            f"{finer}, as is the last descent of one exposure."
+        tried += WAYS
+        if scene.limits.axes != "one":
+            tried += WAYS_ON_TWO_AXES
+            free = ", and from the best of them a velocity and a place of its own for each frame"
+        said = (
+            f"{', '.join(tried)}{free}, over {radii} radii x {angles} directions x {speeds} "
+            f"velocities and {corner} radii of the corners, and {_FINER} times the radii for one "
+            f"exposure alone; levels are over {finer}, as is the last descent of one exposure"
         )
     return (
-        f"The search tries {ways} A list of few velocities has the more directions. One filter for "
-        "all velocities is not searched: it gains nothing there."
+        f"The search tries {said}. A list of few velocities has the more directions. One filter "
+        "for all velocities is not searched: it gains nothing there."
     )

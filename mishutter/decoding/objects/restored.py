@@ -251,7 +251,7 @@ def stills_of(
 def _instants_of(frames: Sequence[TimedFrame] | PlaneFrames, fastest: float) -> Instants:
     """Places of a sensor that moves, in panels in which no layer moves by much."""
     instants = Instants.of(frames, fastest)
-    ways = np.sum(np.linalg.norm(np.diff(instants.place), axis=0), axis=1)
+    ways = instants.ways(np.zeros(len(instants.place)))
     longest = float(np.max(ways + fastest * instants.exposure))
     instants = Instants.of(frames, fastest, num_panels=math.ceil(longest / _PART))
     across, down = instants.place if len(instants.place) > 1 else (*instants.place, 0.0)

@@ -391,11 +391,13 @@ def check_bounds(shutter: AbstractShutter) -> None:
     bounded = _bounded(shutter)
     if not bounded:
         return
-    corners = itertools.product((0.0, 1.0), repeat=len(bounded))
-    middle = dict.fromkeys(bounded, 0.5)
-    faces = [middle | {name: end} for name in bounded for end in (0.0, 1.0)]
-    all_at_ends = (dict(zip(bounded, x, strict=True)) for x in corners)
-    for shares in (middle, *faces, *itertools.islice(all_at_ends, _MOST_CORNERS)):
+    ends, middle = (0.0, 1.0), (0.5,) * len(bounded)
+    faces = [(*middle[:k], end, *middle[k + 1 :]) for k in range(len(bounded)) for end in ends]
+    corners = itertools.product(ends, repeat=len(bounded))
+    # With one parameter faces and corners are the same.
+    places = dict.fromkeys([middle, *faces, *itertools.islice(corners, _MOST_CORNERS)])
+    for place in places:
+        shares = dict(zip(bounded, place, strict=True))
         values = {
             name: low + shares[name] * (high - low) for name, (_, low, high) in bounded.items()
         }
