@@ -138,7 +138,7 @@ class Level(NamedTuple):
         each = power * aperture**2 / self.canvas.noises.reshape(-1, *[1] * power.ndim)
         for one in [self.instants] if self.rows is None else self.rows.paths.some:
             waves = waves_of(one, velocities, grid, dtype)
-            densities = np.moveaxis(waves.real**2 + waves.imag**2, 1, 0) * each
+            densities = np.moveaxis(np.real(waves) ** 2 + np.imag(waves) ** 2, 1, 0) * each
             rows.append(
                 [
                     volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor)
