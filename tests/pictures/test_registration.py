@@ -89,6 +89,13 @@ def test_what_is_unknown_is_that_about_it():
     np.testing.assert_allclose(found[~known], slope[~known], atol=0.6)
     np.testing.assert_array_equal(found[known], slope[known])
     np.testing.assert_array_equal(filled(slope, np.zeros((23, 31), bool)), 0.3)
+    # By narrow Gaussians alone what is near stays, and what lies far off has the mean level.
+    alone = np.zeros((90, 90), bool)
+    alone[:20] = True
+    light = np.arange(90) * 0.01 + np.zeros((90, 1))
+    narrow, wide = filled(light, alone, 6.0), filled(light, alone)
+    np.testing.assert_array_equal(narrow[:28], wide[:28])
+    np.testing.assert_allclose(narrow[-40:], light[0].mean(), atol=1e-6)
     stack = np.stack([PICTURE, 2 * PICTURE])
     each = [ndimage.gaussian_filter(x, 1.3, mode="nearest") for x in stack]
     np.testing.assert_allclose(smoothed(stack, 1.3), each, atol=1e-6)

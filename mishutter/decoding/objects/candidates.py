@@ -8,7 +8,7 @@ from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.stills import Stills
 from mishutter.pictures.registration.search import around, explained, searched
 from mishutter.pictures.registration.sweep import Limits, Smoothed
-from mishutter.pictures.registration.windows import Window, splines
+from mishutter.pictures.registration.windows import Window
 
 _LEAST_AREA = 60
 """Pixels that no other velocity explains: of a thing without texture, strips along its outline."""
@@ -56,9 +56,9 @@ def within(
         velocities: The velocities of the things in that order, where they are known; px/s.
     """
     step = 1 / float(np.max(np.abs(stills.times)))
-    coefficients, things = splines(stills.light), []
+    things = []
     grid = _velocities(stills, step)
-    middle = coefficients[stills.middle]
+    middle = stills.light[stills.middle]
     for number in range(1, int(labels.max()) + 1):
         mask = labels == number
         if not mask.any():
@@ -74,7 +74,7 @@ def within(
             ways = np.rint(stills.ways(velocity))
             own = window.taken(middle, ways[stills.middle])
             each = []
-            for one, way in zip(coefficients, ways, strict=True):
+            for one, way in zip(stills.light, ways, strict=True):
                 squares = np.minimum((window.taken(one, way) - own) ** 2, _GREATEST)
                 each.append(squares[inside & window.seen(way, mask.shape)])
             costs.append(float(np.mean(np.concatenate(each))) if sum(map(len, each)) else np.inf)

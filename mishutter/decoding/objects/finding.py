@@ -16,7 +16,6 @@ from mishutter.decoding.objects.mattes import settle
 from mishutter.decoding.objects.outlines import Along, cut_out, mean_lights, sharpen
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
-from mishutter.pictures.registration.windows import splines
 
 _ROUNDS, _SHARPENINGS = 4, 3
 _LEAST_EVIDENCE = 150.0
@@ -183,15 +182,13 @@ def _refine_velocities(arrangement: Arrangement) -> None:
 
 def put_in_order(arrangement: Arrangement) -> None:
     """Puts the thing in front whose light, as seen elsewhere, is seen where two overlap."""
-    stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
+    stills = arrangement.stills
     for i in range(len(arrangement.things)):
         for j in range(i + 1, len(arrangement.things)):
             over = (arrangement.cover[i] > 0.5) & (arrangement.cover[j] > 0.5)
             if over.sum() <= 10:
                 continue
-            first, second = (
-                _shown(stills, coefficients, arrangement.things[n], over) for n in (i, j)
-            )
+            first, second = (_shown(stills, arrangement.things[n], over) for n in (i, j))
             both = first[1] & second[1]
             lead = float(np.sum((second[0] - first[0])[both]))
             order = arrangement.order
@@ -201,12 +198,10 @@ def put_in_order(arrangement: Arrangement) -> None:
     arrangement.place()
 
 
-def _shown(
-    stills: Stills, coefficients: np.ndarray, thing: Thing, over: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _shown(stills: Stills, thing: Thing, over: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Squares over the noise that the frames have by a thing's light, and where it is known."""
     ways, window = stills.ways(thing.velocity), thing.window
-    along = Along.of(stills, coefficients, window, thing.velocity)
+    along = Along.of(stills, window, thing.velocity)
     clear = along.seen * (along.shares(over.astype(np.float32), ways) <= 0.1)
     weighed = stills.weights[:, None, None] * clear
     worth = np.maximum(np.sum(weighed, axis=0), 1e-9)

@@ -24,7 +24,7 @@ from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.objects.arrangement import Arrangement
 from mishutter.decoding.objects.grids import Mask, from_outline, moved, of_few_edges
 from mishutter.decoding.objects.stills import Stills
-from mishutter.pictures.registration.windows import Window, filled, smoothed, splines
+from mishutter.pictures.registration.windows import Window, filled, smoothed
 
 PURE = 0.9
 """Share of a pixel above which one layer is all that it shows."""
@@ -111,12 +111,10 @@ class Along(NamedTuple):
     window: Window
 
     @staticmethod
-    def of(
-        stills: Stills, coefficients: np.ndarray, window: Window, velocity: np.ndarray
-    ) -> "Along":
+    def of(stills: Stills, window: Window, velocity: np.ndarray) -> "Along":
         """Those about a velocity."""
         ways = stills.ways(velocity)
-        pairs = zip(coefficients, ways, strict=True)
+        pairs = zip(stills.coefficients, ways, strict=True)
         frames = [window.taken(one, way, is_spline=True) for one, way in pairs]
         seen = [window.seen(way, stills.shape) for way in ways]
         return Along(np.stack(frames), np.stack(seen).astype(np.float32), window)
@@ -138,11 +136,10 @@ def cut_out(arrangement: Arrangement, *, at_edges: bool = False) -> None:
         at_edges: Whether outlines are likelier at edges of the light along things than elsewhere.
     """
     stills, things = arrangement.stills, arrangement.things
-    coefficients = splines(stills.light)
     rest = given_others(stills, stills.light, pure(arrangement.ground))
     own: list[tuple[Along, _Given]] = []
     for number, thing in enumerate(things):
-        along = Along.of(stills, coefficients, thing.window, thing.velocity)
+        along = Along.of(stills, thing.window, thing.velocity)
         front = along.shares(arrangement.front[number], stills.ways(thing.velocity))
         along = along._replace(seen=along.seen * pure(front))
         own.append((along, given_others(stills, along.frames, along.seen)))
@@ -229,7 +226,7 @@ def mean_lights(arrangement: Arrangement) -> Lights:
 
     Pixels that are nearly so tell as well, less the light of what is behind.
     """
-    stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
+    stills = arrangement.stills
     weights = stills.weights[:, None, None].astype(np.float32)
     seen = (arrangement.ground > 0.95) * weights
     worth = np.sum(seen, axis=0)
@@ -240,7 +237,7 @@ def mean_lights(arrangement: Arrangement) -> Lights:
     for number in reversed(arrangement.order):
         thing = arrangement.things[number]
         ways = stills.ways(thing.velocity)
-        along = Along.of(stills, coefficients, thing.window, thing.velocity)
+        along = Along.of(stills, thing.window, thing.velocity)
         front = along.shares(arrangement.front[number], ways)
         cover = along.shares(arrangement.cover[number], ways)
         hidden = behind_in_frames(arrangement, lights, number)
@@ -277,7 +274,7 @@ def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
         arrangement: The things.
         drawn: The mask of each, near whose outline the solved one lies.
     """
-    stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
+    stills = arrangement.stills
     lights = mean_lights(arrangement)
     smooth = lights._replace(
         ground=smoothed(lights.ground, _LIGHT), things=[smoothed(a, _LIGHT) for a in lights.things]
@@ -289,7 +286,7 @@ def sharpen(arrangement: Arrangement, drawn: list[Mask]) -> None:
     mattes = []  # of all things by the same light
     for number, thing in enumerate(arrangement.things):
         ways = stills.ways(thing.velocity)
-        along = Along.of(stills, coefficients, thing.window, thing.velocity)
+        along = Along.of(stills, thing.window, thing.velocity)
         front = along.shares(arrangement.front[number], ways)
         along = along._replace(seen=along.seen * pure(front))
         own = _Layer(smooth.things[number], doubt.things[number])

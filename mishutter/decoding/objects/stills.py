@@ -1,12 +1,14 @@
 """Frames of a sensor at rest or on a known path, and their noise."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from mishutter.evaluation.instants import NODES, Instants
+from mishutter.pictures.registration.windows import splines
 
 _ALIKE = 1.3
 """Exposures that blur a thing alike: the longest over the shortest of them."""
@@ -88,6 +90,11 @@ class Stills:
                     lasting = share * float(exposure)
                     parts.append(Part(k, share, float(middle), lasting, centre, velocity))
         return parts
+
+    @cached_property
+    def coefficients(self) -> Float[np.ndarray, "frames rows columns"]:
+        """Coefficients of the splines through the frames."""
+        return splines(self.light)
 
     @property
     def rests(self) -> Bool[np.ndarray, "frames"]:

@@ -30,6 +30,8 @@ _INNER = 3
 """Pixels within an outline that show the thing alone."""
 _BAND = 3.0
 """Pixels to both sides of an outline at which the contrast with what is behind tells."""
+_FILLED = 12.0
+"""Widest Gaussian by which light is filled in, as only that near an outline tells; px."""
 _EDGE = 1.5
 """Gaussian under which a cover is taken for one of known slope; px."""
 _ASIDE = 0.1
@@ -125,14 +127,16 @@ def told_of(arrangement: Arrangement, number: int, lights: Lights | None) -> Tol
     light, within = _within(arrangement, thing, along, front * inner)
     parts = [within]
     if lights is not None:
-        parts.append(_at_outline(arrangement, number, (along, front), filled(light, inner), lights))
+        parts.append(
+            _at_outline(arrangement, number, (along, front), filled(light, inner, _FILLED), lights)
+        )
     return Told.by(parts)
 
 
 def _along(arrangement: Arrangement, number: int) -> tuple[Along, np.ndarray]:
     """Frames along a thing, and where nothing hides it."""
     stills, thing = arrangement.stills, arrangement.things[number]
-    along = Along.of(stills, splines(stills.light), thing.window, thing.velocity)
+    along = Along.of(stills, thing.window, thing.velocity)
     front = along.shares(arrangement.front[number], stills.ways(thing.velocity))
     return along, pure(front) * along.seen
 
@@ -147,7 +151,7 @@ def _within(
     mean = np.sum(weights * along.frames, axis=0) / worth
     is_seen = np.asarray(seen.any(axis=0))
     # An end of what is seen has no slope.
-    smooth = smoothed(filled(mean, is_seen), 1.0)
+    smooth = smoothed(filled(mean, is_seen, _FILLED), 1.0)
     noise = np.asarray(stills.typical_noise(smooth))
     weights = np.where(is_seen, weights, 0)
     push = push_of_light(

@@ -11,6 +11,8 @@ Picture = Float[np.ndarray, "_ _"]
 """Pixels of any unit."""
 _SPLINE = 3
 """Degree of the splines by which light is moved."""
+_WIDEST = 60.0
+"""Widest Gaussian by which unknown pixels are filled; px."""
 
 
 def smoothed(picture: np.ndarray, sigma: float) -> np.ndarray:
@@ -42,13 +44,16 @@ def splines(frames: Float[np.ndarray, "frames rows columns"]) -> np.ndarray:
     return coefficients
 
 
-def filled(picture: Picture, known: np.ndarray) -> Picture:
-    """A picture whose unknown pixels are means of ever wider neighbourhoods."""
+def filled(picture: Picture, known: np.ndarray, widest: float = _WIDEST) -> Picture:
+    """A picture whose unknown pixels are means of ever wider neighbourhoods, then of all of it.
+
+    Where only those near known ones count, the widest Gaussian, px, may be a narrow one.
+    """
     out, weight = np.where(known, picture, np.nan), known.astype(np.float32)
     light = np.where(known, picture, 0).astype(np.float32)
-    for sigma in (1.5, 3.0, 6.0, 12.0, 24.0, 60.0):
+    for sigma in (1.5, 3.0, 6.0, 12.0, 24.0, _WIDEST):
         missing = np.isnan(out)
-        if not missing.any():
+        if sigma > widest or not missing.any():
             break
         total, near = smoothed(light, sigma), smoothed(weight, sigma)
         is_near = missing & (near > 0.02)
@@ -129,6 +134,18 @@ class Window(NamedTuple):
         part[..., *own] = picture[..., *whole]
         return part
 
+    def beyond(self, picture: Picture) -> Picture:
+        """The part of a picture, which goes on beyond its ends as it ends."""
+        (down, across), _ = self._common(picture.shape)
+        part = picture[down, across]
+        if part.shape == (self.rows, self.columns):
+            return part
+        rows, columns = (
+            np.clip(first + np.arange(count), 0, n - 1)
+            for first, count, n in zip(self[:2], self[2:], picture.shape, strict=True)
+        )
+        return picture[rows[:, None], columns]
+
     def add(self, picture: np.ndarray, part: np.ndarray) -> None:
         """Adds a part to a picture, as far as it lies over it."""
         whole, own = self._common(picture.shape)
@@ -160,12 +177,9 @@ class Window(NamedTuple):
         whole = np.floor(by).astype(int)
         down, across = (_taps(float(f), is_spline) for f in by - whole)
         before = 1 if is_spline else 0
-        rows = self.top + whole[0] - before + np.arange(self.rows + down.size - 1)
-        columns = self.left + whole[1] - before + np.arange(self.columns + across.size - 1)
-        rows, columns = (
-            np.clip(x, 0, n - 1) for x, n in zip((rows, columns), picture.shape, strict=True)
-        )
-        part = picture[rows[:, None], columns]
+        top, left = self.top + int(whole[0]) - before, self.left + int(whole[1]) - before
+        source = Window(top, left, self.rows + down.size - 1, self.columns + across.size - 1)
+        part = source.beyond(picture)
         part = sum(tap * part[i : i + self.rows] for i, tap in enumerate(down.tolist()))
         return sum(tap * part[:, i : i + self.columns] for i, tap in enumerate(across.tolist()))  # type: ignore[return-value]
 
