@@ -6,6 +6,7 @@ import pydoc
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -189,12 +190,15 @@ def test_no_future_annotations():
     assert not [module_name(path) for path, text in TEXTS.items() if statement in text]
 
 
-CLASSES = {
-    f"{module_name(path)}.{node.name}": node
-    for path in FILES
-    for node in ast.walk(TREES[path])
-    if isinstance(node, ast.ClassDef)
-}
+@cache
+def classes() -> dict[str, ast.ClassDef]:
+    """The package's classes by their names: a worker that tests none of this looks for none."""
+    return {
+        f"{module_name(path)}.{node.name}": node
+        for path in FILES
+        for node in ast.walk(TREES[path])
+        if isinstance(node, ast.ClassDef)
+    }
 
 
 def bases(node: ast.ClassDef) -> list[str]:
@@ -216,7 +220,7 @@ def test_text_is_read_by_its_encoding():
 
 def test_classes_are_abstract_or_final():
     """A class is an interface, named so, or final, marked so; only interfaces are derived from."""
-    modules = {name: node for name, node in CLASSES.items() if is_module(node)}
+    modules = {name: node for name, node in classes().items() if is_module(node)}
     assert modules
     for name, node in modules.items():
         decorators = {ast.unparse(d) for d in node.decorator_list}
@@ -232,7 +236,7 @@ def is_field(statement: ast.stmt) -> bool:
 
 def test_fields_sit_in_the_final_class():
     """An interface says by `AbstractVar` what must be there and holds nothing itself."""
-    interfaces = {n: node for n, node in CLASSES.items() if node.name.startswith("Abstract")}
+    interfaces = {n: node for n, node in classes().items() if node.name.startswith("Abstract")}
     assert interfaces
     for name, node in interfaces.items():
         if is_module(node):
