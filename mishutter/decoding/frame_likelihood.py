@@ -127,16 +127,28 @@ class Level(NamedTuple):
 
     def volume(self, velocity: Float[np.ndarray, "axes"]) -> Volume:
         """The volume of the likelihood of a velocity, of each of its pictures."""
+        return self.volumes(velocity[None])[0]
+
+    def volumes(self, velocities: Float[np.ndarray, "s axes"]) -> list[Volume]:
+        """Those of some velocities."""
         power, aperture = self.coarse
         *down, across = power.shape
         grid, dtype = (*down, 2 * (across - 1)), self.canvas.frames.dtype
-        velocity, volumes = velocity / self.canvas.size, []
+        velocities, rows = velocities / self.canvas.size, []
+        each = power * aperture**2 / self.canvas.noises.reshape(-1, *[1] * power.ndim)
         for one in [self.instants] if self.rows is None else self.rows.paths.some:
-            responses = waves_of(one, velocity[None], grid, dtype)[:, 0] * aperture
-            noises = self.canvas.noises.reshape(-1, *[1] * power.ndim)
-            density = np.abs(responses) ** 2 * power / noises
-            volumes.append(volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor))
-        return Volume(*(np.mean(part, axis=0) for part in zip(*volumes, strict=True)))
+            waves = waves_of(one, velocities, grid, dtype)
+            densities = np.moveaxis(np.real(waves) ** 2 + np.imag(waves) ** 2, 1, 0) * each
+            rows.append(
+                [
+                    volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor)
+                    for density, velocity in zip(densities, velocities, strict=True)
+                ]
+            )
+        return [
+            Volume(*(np.mean(part, axis=0) for part in zip(*some, strict=True)))
+            for some in zip(*rows, strict=True)
+        ]
 
     def logarithms(
         self, velocities: Float[np.ndarray, "s axes"], tolerance: float = ROUGHLY
@@ -146,7 +158,7 @@ class Level(NamedTuple):
         values, at_once = [], max(1, _TOGETHER // count)
         for some in np.split(velocities, range(at_once, len(velocities), at_once)):
             gains = self.likeliest(some, tolerance).gains
-            volumes = np.array([self.volume(each).logarithm for each in some])
+            volumes = np.array([volume.logarithm for volume in self.volumes(some)])
             values.append(gains - volumes.reshape(-1, *[1] * (gains.ndim - 1)))
         return np.concatenate(values)
 
@@ -286,13 +298,12 @@ def slope_at(
     moved, changes = level.responses(velocity[None], by_time=True), []
     for frequency in frequencies_on(canvas.shape)[::-1]:  # along the rows first
         turned = (2j * np.pi / size * frequency).astype(found.spectrum.dtype) * found.spectrum
-        changes.append(np.stack([canvas.through(one, turned)[0] for one in moved]))
+        changes.append(canvas.through(moved, turned)[:, 0])
     side = 0.1 * _furthest(level)
-    volumes = [
-        level.volume(velocity + side * e).logarithm - level.volume(velocity - side * e).logarithm
-        for e in np.eye(velocity.size)
-    ]
-    volumes = found.gains.size * np.array(volumes) / (2 * side)
+    beside = side * np.stack([np.eye(velocity.size), -np.eye(velocity.size)])
+    beside = level.volumes((velocity + beside).reshape(-1, velocity.size))
+    after, before = np.split(np.array([volume.logarithm for volume in beside]), 2)
+    volumes = found.gains.size * (after - before) / (2 * side)
     noises = canvas.noises[:, None, None]
     scores = np.stack([d * residual / noises for d in changes])
     value = np.sum(scores, axis=(1, 2, 3), dtype=np.float64) - volumes
@@ -341,10 +352,18 @@ class Climb(NamedTuple):
 
 
 def climbed(
-    level: Level, velocity: Float[np.ndarray, "axes"], tolerance: float = TOLERANCE
+    level: Level,
+    velocity: Float[np.ndarray, "axes"],
+    tolerance: float = TOLERANCE,
+    information: Float[np.ndarray, "axes axes"] | None = None,
 ) -> Climb:
-    """A step from a velocity towards the peak of the likelihood, by Gauss and Newton."""
+    """A step from a velocity towards the peak of the likelihood, by Gauss and Newton.
+
+    The information may be that of a velocity nearby: climbs with it end at the same peak.
+    """
     here, furthest, canvas = slope_at(level, velocity, tolerance), _furthest(level), level.canvas
+    if information is not None:
+        return Climb(velocity, here.found, here.value, information, furthest)
     # Information errs by the square of what such pictures lack.
     beside = []
     for change in here.changes:

@@ -324,9 +324,10 @@ def _found(burst: _Burst) -> VelocityEstimate:
             apart.append(end.best)
     velocities = np.array([*apart, *(best + burst.asides)])
     judged = own.level(velocities, size)
-    values = np.sum(judged.logarithms(np.array(apart)), axis=tuple(range(1, 3 - own.num_axes)))
     fits = [judged.fit(each, burst.mean) for each in velocities]
-    count, top = len(apart), float(np.max(values))
+    count = len(apart)
+    values = np.array([fit.logarithm for fit in fits[:count]])
+    top = float(np.max(values))
     evidence = Evidence(
         frames=burst.grey,
         noises=own.noises,
@@ -484,12 +485,12 @@ def _values(
 
 def _top(level: Level, velocity: np.ndarray, step: float, other: Climb | None = None) -> Climb:
     """The last of some climbs from a velocity, which may lead to another's end."""
-    climb = climbed(level, velocity, ROUGHLY)
+    climb = climbed(level, velocity, ROUGHLY, None if other is None else other.information)
     for _ in range(4):
         is_same = other and np.linalg.norm(climb.best - other.best) < _SAME * step
         if is_same or climb.size < _NEAR * step:
             break
-        climb = climbed(level, climb.best, ROUGHLY)
+        climb = climbed(level, climb.best, ROUGHLY, climb.information)
     return climb
 
 

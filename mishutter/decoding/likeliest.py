@@ -24,7 +24,7 @@ import itertools
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from typing import NamedTuple
 
@@ -49,8 +49,11 @@ error, at which it ends as well: less than that is left, and the level is within
 limit."""
 _MOST_STEPS = 512
 """Most steps of conjugate gradients; four turns of a circle over 192 x 320 px settle in 64."""
-_PIXELS_A_WAVE = 128
-"""Pixels of a canvas for each of the waves of most power that have a matrix."""
+_PIXELS_A_WAVE, _WAVES = 128, 400
+"""Pixels of a canvas for each of the waves of most power that have a matrix where pictures settle,
+and such waves where they need not: theirs costs no more than some steps of conjugate gradients."""
+_BY_WAVES = 2e-2
+"""Residual below which conjugate gradients take so many steps that a matrix is worth its cost."""
 TILES = 8
 """Parts of a picture along each axis whose likelihoods are compared."""
 
@@ -98,7 +101,6 @@ class LineInTurn(NamedTuple):
         return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)
 
 
-Response = Complex[np.ndarray, "..."] | LineInTurn | AbstractRolledFrame
 Responses = Complex[np.ndarray, "frames ..."] | Sequence[LineInTurn] | Sequence[AbstractRolledFrame]
 """The way from a picture to each frame: a response on the canvas, or one for each row."""
 
@@ -142,33 +144,49 @@ class Canvas(NamedTuple):
         return irfftn(spectrum, self.shape, axes=range(-len(self.shape), 0))
 
     def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """The sensor's part of pictures."""
-        return self.picture(spectrum)[self.window]
+        """The sensor's part of pictures: of rows beyond it no inverse is computed."""
+        *down, across = self.window[1:]
+        for rows in down:
+            spectrum = np.asarray(scipy.fft.ifft(spectrum, axis=-2))[..., rows, :]
+        return irfftn(spectrum, self.shape[-1:], axes=(-1,))[..., across]
 
-    def through(self, response: Response, spectrum: Complex[np.ndarray, "..."]) -> np.ndarray:
-        """The sensor's part of pictures through a response."""
-        if isinstance(response, np.ndarray):
-            return self.seen(spectrum * response)
-        return response.seen(spectrum)
+    def told(self, frames: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
+        """The adjoint of `seen`: half of the DFT of frames, which are 0 beyond the sensor."""
+        *down, across = self.window[1:]
+        whole = np.zeros((*frames.shape[:-1], self.shape[-1]), frames.dtype)
+        whole[..., across] = frames
+        spectrum = rfftn(whole, axes=(-1,))
+        for rows in down:
+            shape = *spectrum.shape[:-2], self.shape[-2], spectrum.shape[-1]
+            whole = np.zeros(shape, spectrum.dtype)
+            whole[..., rows, :] = spectrum
+            spectrum = np.asarray(scipy.fft.fft(whole, axis=-2, overwrite_x=True))
+        return spectrum
 
-    def told(
-        self, response: Response, frame: Float[np.ndarray, "..."]
-    ) -> Complex[np.ndarray, "..."]:
-        """The adjoint of `through`, of a frame less its levels where nothing is known of them."""
-        if not isinstance(response, np.ndarray):
-            return response.told(self.known(frame))
-        shape = self.shape
-        whole = np.zeros((*frame.shape[: -len(shape)], *shape), self.frames.dtype)
-        whole[self.window] = self.known(frame)
-        return response.conj() * self.spectrum(whole)
+    def through(
+        self, responses: Responses, spectrum: Complex[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "frames ..."]:
+        """The frames that pictures leave."""
+        if isinstance(responses, np.ndarray):
+            return self.seen(spectrum * responses)
+        return np.stack([one.seen(spectrum) for one in responses])
 
     def gathered(
-        self, responses: Responses, frames: Iterable[np.ndarray]
+        self, responses: Responses, frames: Float[np.ndarray, "frames ..."]
     ) -> Complex[np.ndarray, "..."]:
-        r"""All that frames tell of the picture, $\sum_k \bar A_k \hat g_k / N_k$."""
-        noises = self.noises.astype(self.frames.dtype)
-        each = zip(responses, noises, frames, strict=True)
-        return reduce(operator.iadd, (self.told(a, g / n) for a, n, g in each))
+        r"""All that frames tell of the picture, $\sum_k \bar A_k \hat g_k / N_k$.
+
+        Those are less their levels where nothing is known of them.
+        """
+        noises = self.noises.astype(frames.dtype).reshape(-1, *[1] * (frames.ndim - 1))
+        frames = self.known(frames) / noises
+        if not isinstance(responses, np.ndarray):
+            each = zip(responses, frames, strict=True)
+            return reduce(operator.iadd, (one.told(frame) for one, frame in each))
+        # Each for all pictures that they may show.
+        alike = [1] * (responses.ndim - frames.ndim)
+        frames = frames.reshape(len(frames), *alike, *frames.shape[1:])
+        return np.sum(responses.conj() * self.told(frames), axis=0)
 
     def density(self, responses: Responses) -> Float[np.ndarray, "..."]:
         r"""Signal by noise of the frames, $\sum_k |A_k|^2/N_k$, in the mean over rows."""
@@ -218,7 +236,7 @@ class Likeliest(NamedTuple):
     @property
     def seen(self) -> Float[np.ndarray, "frames ..."]:
         """The frames that the pictures give."""
-        return np.stack([self.canvas.through(one, self.spectrum) for one in self.responses])
+        return self.canvas.through(self.responses, self.spectrum)
 
 
 def likeliest(
@@ -232,7 +250,11 @@ def likeliest(
     if matrices:
         solve = _by_matrices(canvas, matrices)
     else:
-        near = (_together if math.isfinite(settled) else _alone)(canvas, responses)
+        waves = math.prod(canvas.shape) // _PIXELS_A_WAVE if math.isfinite(settled) else _WAVES
+        if len(canvas.shape) > 1 and (tolerance < _BY_WAVES or math.isfinite(settled)):
+            near = _together(canvas, responses, waves)
+        else:
+            near = _alone(canvas, responses)
         solve = partial(_by_gradients, canvas, responses, near=near, settled=settled)
     return _solved(canvas, responses, solve, tolerance)
 
@@ -282,15 +304,15 @@ def _alone(canvas: Canvas, responses: Responses) -> Near:
     return partial(np.multiply, inverse)
 
 
-def _together(canvas: Canvas, responses: Responses) -> Near:
-    """Pictures nearer to the likeliest ones: the waves of most power have a matrix.
+def _together(canvas: Canvas, responses: Responses, waves: int) -> Near:
+    """Pictures of the plane that are nearer to them: so many waves of most power have a matrix.
 
     Where frames tell far more of waves than the prior does, what lies beyond the borders decides,
     and gradients find it last; the matrix knows the borders.
     """
     alone = _alone(canvas, responses)
-    half = math.prod(canvas.shape) // _PIXELS_A_WAVE // 2
-    if len(canvas.shape) == 1 or half == 0:
+    half = min(waves // 2, canvas.power.size)
+    if half == 0:
         return alone
     # With a wave comes its mirror image, of which half of a DFT has none in its first column alone.
     inside = np.nonzero(canvas.power >= np.partition(canvas.power, -half, axis=None)[-half])
@@ -306,8 +328,8 @@ def _together(canvas: Canvas, responses: Responses) -> Near:
         numbers = np.concatenate([inside[axis], -inside[axis][is_twice]])
         numbers, which = np.unique(numbers, return_inverse=True)
         places = canvas.margin[axis] + np.arange(canvas.sensor[axis])
-        waves = np.exp(2j * np.pi / canvas.shape[axis] * np.outer(places, numbers))
-        return (waves.conj().T @ waves / canvas.shape[axis])[np.ix_(which, which)]
+        along = np.exp(2j * np.pi / canvas.shape[axis] * np.outer(places, numbers))
+        return (along.conj().T @ along / canvas.shape[axis])[np.ix_(which, which)]
 
     if isinstance(responses, np.ndarray):
         each = responses.reshape(len(responses), -1, 1, *canvas.power.shape)[..., *inside]
@@ -325,8 +347,8 @@ def _together(canvas: Canvas, responses: Responses) -> Near:
     def solve(target: Complex[np.ndarray, "... m k"]) -> Complex[np.ndarray, "... m k"]:
         found, told = alone(target), root * whole(target[..., *inside])
         pairs = zip(factors, told.reshape(-1, root.size), strict=True)
-        waves = root * np.stack([scipy.linalg.cho_solve(*pair) for pair in pairs])
-        found[..., *inside] = waves.reshape(told.shape)[..., : inside[0].size]
+        held = root * np.stack([scipy.linalg.cho_solve(*pair) for pair in pairs])
+        found[..., *inside] = held.reshape(told.shape)[..., : inside[0].size]
         return found
 
     return solve
@@ -365,7 +387,7 @@ def _by_gradients(
         is_active &= (size > least) | (moved > most)
         if not np.any(is_active):
             break
-        image = canvas.gathered(responses, (canvas.through(one, step) for one in responses))
+        image = canvas.gathered(responses, canvas.through(responses, step))
         image += prior * step
         curvature = product(step, image)
         # Of frames with next to no noise, rounding leaves steps that lead nowhere.
@@ -446,8 +468,11 @@ def _parts(
         sees = sees[:, None] & (firsts <= inner) & (inner <= firsts + count)
         sees = sees.reshape(-1, places.shape[1])
         areas = np.outer(areas, np.diff(ends)).ravel()
-    kinds, kind = np.unique(sees, axis=0, return_inverse=True)
-    areas, is_seen = np.bincount(kind.ravel(), areas), np.any(kinds, axis=1)
+    bits = np.packbits(sees, axis=1)
+    words = bits.view(f"V{bits.shape[1]}").ravel()  # which sort far faster than rows
+    _, first, kind = np.unique(words, return_index=True, return_inverse=True)
+    kinds, areas = sees[first], np.bincount(kind.ravel(), areas)
+    is_seen = np.any(kinds, axis=1)
     return kinds[is_seen].astype(np.float64), areas[is_seen]
 
 
@@ -464,6 +489,7 @@ class Fit(NamedTuple):
     shift_errors: Float[np.ndarray, "frames axes"]  # Standard errors of these; px
     # Logarithm of the likelihood of each row, or that which the residual has in each tile
     parts: Float[np.ndarray, "parts"]
+    logarithm: float  # Logarithm of the likelihood of all, over that of no picture
 
     @property
     def spread(self) -> float:
@@ -482,12 +508,12 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     covariances = np.zeros((num_frames, num_axes, num_axes))
     # Standard deviations by which a frame may differ: of its gain, black level, and shift, 10 px.
     expected = np.diag(np.array([0.2, 0.2, *[10.0 / canvas.size] * num_axes]) ** -2.0)
+    slopes = []
+    for frequency in frequencies_on(canvas.shape)[::-1] if num_frames > 1 else []:
+        turn = (-2j * np.pi * frequency).astype(found.spectrum.dtype)  # along the rows first
+        slopes.append(canvas.through(found.responses, turn * found.spectrum).reshape(shape))
     for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
-        changes = [seen[k] + mean, np.ones_like(seen[k])]
-        for frequency in frequencies_on(canvas.shape)[::-1]:  # along the rows first
-            turn = (-2j * np.pi * frequency).astype(found.spectrum.dtype)
-            change = canvas.through(found.responses[k], turn * found.spectrum)
-            changes.append(change.reshape(shape[1:]))
+        changes = [seen[k] + mean, np.ones_like(seen[k]), *(slope[k] for slope in slopes)]
         design = np.stack([canvas.known(one).ravel() for one in changes], axis=1)
         design = design.astype(np.float64)
         inverse = np.linalg.inv(design.T @ design / noise + expected)
@@ -504,8 +530,9 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     lost += 0 if canvas.has_levels else math.prod(shape[1:-1])
     freedoms = found.gains.size * space.freedoms - lost
     sums = np.sum(squares.reshape(num_frames, -1), axis=1)
+    logarithms = found.gains.ravel() - space.logarithm
     if num_axes == 1:
-        parts = found.gains.ravel() - space.logarithm
+        parts = logarithms
     else:
         parts = -_in_tiles(np.sum(squares, axis=0)) / 2
     return Fit(
@@ -516,6 +543,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
         canvas.size * shifts,
         canvas.size * errors,
         parts,
+        float(np.sum(logarithms)),
     )
 
 

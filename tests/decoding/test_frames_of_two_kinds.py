@@ -129,7 +129,7 @@ def test_a_place_of_the_picture_pulls_in_one_tile_of_all_frames():
     light = np.zeros(canvas.shape)
     light[canvas.margin[0] + 33, canvas.margin[1] + 46] = 1
     responses = level.responses(velocity[None])[:, 0]
-    shown = np.stack([canvas.through(one, canvas.spectrum(light)) for one in responses])
+    shown = canvas.through(responses, canvas.spectrum(light))
     brightest = [np.unravel_index(np.argmax(one), one.shape) for one in shown]
     assert np.abs(np.subtract(*brightest)) == pytest.approx([24, 36])
     slope = slope_at(level, velocity)

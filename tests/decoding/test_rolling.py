@@ -285,10 +285,8 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
         # Waves of most power are found at once.
         responses = level.responses(VELOCITY[None])
         light = light[None] * (canvas.power >= np.sort(canvas.power, axis=None)[-20])
-        each = (one.seen(light) for one in responses)
-        again = _together(canvas, responses)(
-            canvas.gathered(responses, each) + light / canvas.power
-        )
+        told = canvas.gathered(responses, canvas.through(responses, light))
+        again = _together(canvas, responses, 60)(told + light / canvas.power)
         np.testing.assert_allclose(again[light != 0], light[light != 0], rtol=0.02)
         if kind == "still":
             middle = level._replace(rows=None).responses(VELOCITY[None])[:, 0]
