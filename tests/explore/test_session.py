@@ -6,6 +6,7 @@ import json
 import re
 import tomllib
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -196,21 +197,46 @@ def test_what_to_send_to_the_stage_is_drawn_beside_the_motion():
     assert "sent" not in curves(library_scene(), motion, HannShutter(), at_once=True)
 
 
-@pytest.mark.slow
-def test_the_finished_design_and_the_table_are_the_librarys(started):
-    """`optimise` and `compare` give the numbers of the page, to the last digit."""
+class Answered(NamedTuple):
+    """A tab with a drawn profile, pins and a photograph, and all that it answers to one scene."""
+
+    session: Session
+    scene: Scene
+    names: list[str]  # Of the pins as they were put in
+    saved: str  # The pinned design, as the page saves it
+    first: dict
+    rest: dict
+
+
+@pytest.fixture(scope="module")
+def answered(started):
+    """The search and the comparison of one tab, which the tests below look at from each side."""
     session = Session(started)
-    asked = request(light=1.4e5, drawn=DRAWN)
-    drawn = psnr(session.first(asked), "drawn")
-    found = parts(session, asked)
-    scene = library_scene(1.4e5)
+    names = [session.answer(Order(kind="pin", name="Hann"))["pins"][-1] for _ in range(2)]
+    saved = session.answer(Order(kind="save_design"))["text"]
+    load = Order(kind="load_design", name="mine.json", text=saved)
+    names += session.answer(load)["pins"][-1:]
+    session.upload("mine.png", picture_file(rows=30, columns=260))
+    asked = request(light=1.4e5, drawn=DRAWN, speed=310.0)
+    asked = asked.model_copy(update={"scene": asked.scene | {"picture": {"path": "mine.png"}}})
+    first = session.first(asked)
+    rest = parts(session, asked)
+    scene = sessions.built(asked.scene, session._photographs)
+    return Answered(session, scene, names, saved, first, rest)
+
+
+@pytest.mark.slow
+def test_the_finished_design_and_the_table_are_the_librarys(started, answered):
+    """`optimise` and `compare` give the numbers of the page, to the last digit."""
+    scene, found = answered.scene, answered.rest
     design = optimise(scene)
     assert psnr(found["finished"]) == float(design.metrics.expected_psnr)
     own = ChippedShutter(np.array(DRAWN))
     level = float(evaluate(scene, design.motion, own).expected_psnr)
     assert psnr(found["finished"], "drawn") == level
-    assert drawn != level  # on the motion of the first answer
-    rows = compare(scene, design.motion, {"optimised": design, "drawn": own})
+    assert psnr(answered.first, "drawn") != level  # on the motion of the first answer
+    pins = dict.fromkeys(answered.names, started.design)
+    rows = compare(scene, design.motion, {"optimised": design, **pins, "drawn": own})
     shown = {row["name"]: row for row in found["table"]["rows"]}
     assert f"{found['table']['verdict']}\n\n{found['table']['answer']}" == rows.text()
     assert found["table"]["ceiling"] == rows.ceiling
@@ -238,15 +264,9 @@ def test_a_table_is_compared_anew_for_another_drawing_or_pin(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_photograph_is_captured_and_restored(started):
+def test_a_photograph_is_captured_and_restored(answered):
     """Every chosen row has a capture and a restored picture of one size, with the PSNR."""
-    session = Session(started)
-    content = picture_file(rows=30, columns=260)
-    session.upload("mine.png", content)
-    scene = TABLES | {"picture": {"path": "mine.png"}}
-    asked = Request(kind="design", id=1, scene=scene, rows=ROWS, speed=310.0)
-    session.first(asked)
-    shown = parts(session, asked, "photograph")["photograph"]
+    shown = answered.rest["photograph"]
     assert [each["name"] for each in shown["designs"]] == list(ROWS)
     sizes = {opened(each[k]).size for each in shown["designs"] for k in ("captured", "restored")}
     assert sizes == {opened(shown["reference"]).size}
@@ -310,21 +330,15 @@ def test_work_that_nobody_waits_for_ends(started):
 
 
 @pytest.mark.slow
-def test_pins_are_bounded_and_are_rows_of_the_table(started):
+def test_pins_are_bounded_and_are_rows_of_the_table(answered):
     """A pin is a design as it was; one too many is refused, and a name is taken once."""
-    session = Session(started)
-    names = [session.answer(Order(kind="pin", name="Hann"))["pins"][-1] for _ in range(2)]
-    assert names == ["Hann 2", "Hann 3"]
-    text = session.answer(Order(kind="save_design"))["text"]
-    loaded = session.answer(Order(kind="load_design", name="mine.json", text=text))["pins"]
-    assert loaded[-1] == "mine"
-    asked = request(light=1.9e5)
-    session.first(asked)
-    rows = {row["name"]: row for row in parts(session, asked, "table")["table"]["rows"]}
+    session = answered.session
+    assert answered.names == ["Hann 2", "Hann 3", "mine"]
+    rows = {row["name"]: row for row in answered.rest["table"]["rows"]}
     mine, pinned, best = (float(rows[n]["cells"][1]) for n in ("mine", "Hann 2", "optimised"))
     assert mine == pinned <= best
     for _ in range(sessions.MOST_PINS - 3):
-        session.answer(Order(kind="load_design", name="x.json", text=text))
+        session.answer(Order(kind="load_design", name="x.json", text=answered.saved))
     with pytest.raises(ValueError, match="`pins` must be at most 6"):
         session.answer(Order(kind="pin"))
     assert "mine" not in session.answer(Order(kind="unpin", name="mine"))["pins"]
