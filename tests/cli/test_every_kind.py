@@ -14,7 +14,8 @@ ONE_WAY = "uniform = { min_px_per_s = 200, max_px_per_s = 1100, count = 3 }"
 ANY = "any_direction = { max_px_per_s = 700 }"
 BURST = "[burst]\nframes_per_s = 60\nmax_frames = 2\nwindow_ms = 30\n"
 FOUR = BURST.replace("= 2", "= 4").replace("= 30", "= 60")
-"""Before a background two frames are no better than one exposure."""
+"""Before a background two frames are no better than one exposure, and of four along an axis two
+rest, in which things of a layered scene are found."""
 SCENE = """[speeds]
 {speeds}
 [light]
@@ -30,7 +31,7 @@ path = "photo.png"
 {sections}"""
 KINDS = {
     "along rows": (TWO_WAYS, ""),
-    "along columns": (TWO_WAYS, BURST),
+    "along columns": (TWO_WAYS, FOUR),
     "one-way speeds": (ONE_WAY, BURST),
     "known speeds": (TWO_WAYS, BURST + '[decoder]\nspeed = "known"\n'),
     "background": (TWO_WAYS, FOUR + "[occlusion]\nfront_share = 0.3\nobject_width_px = 40\n"),

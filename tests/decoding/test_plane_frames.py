@@ -35,7 +35,6 @@ from mishutter.model.velocities import EvenVelocities
 
 SCENE = scene_of("A")
 VELOCITY = np.array([610.0, -470.0])
-NARROW = Scene.any_direction(900.0, photon_rate=3e4, read_noise=10.0)
 
 
 def estimate_of(captures, scene, frames) -> VelocityEstimate:
@@ -67,9 +66,9 @@ def test_fields_are_restored_as_well_as_the_formula_says(kind):
         told = Scene.any_direction(
             ListedVelocities(velocity[None]), photon_rate=3e4, read_noise=10.0
         )
-        captures, truth = a_field(frames, velocity, 192, seed)
+        captures, truth = a_field(frames, velocity, 128, seed)
         light = np.asarray(restore_frames(captures, SCENE, frames, speed=velocity).light)
-        inner = slice(48, -48)
+        inner = slice(32, -32)
         errors.append(np.mean((light - truth)[inner, inner] ** 2))
         formula = 10 ** (-float(exposures_psnr(told, frames)) / 10)
         errors[-1] /= formula
@@ -121,15 +120,15 @@ def shown(kind="sines", count=4, velocity=VELOCITY, size=(96, 112), scene=SCENE,
 @pytest.mark.parametrize(
     ("kind", "count", "velocity", "size"),
     [
-        ("sines", 4, (610.0, -470.0), (72, 84)),
-        ("still", 4, (-350.0, 900.0), (96, 112)),
-        ("sines", 8, (20.0, 1100.0), (72, 84)),
+        ("sines", 4, (305.0, -235.0), (64, 72)),
+        ("still", 4, (-175.0, 450.0), (64, 72)),
+        ("sines", 8, (20.0, 550.0), (64, 72)),
     ],
 )
 def test_frames_tell_the_velocity(kind, count, velocity, size):
     """To within its error and without a doubt; light enters and leaves at all four borders."""
-    captures, truth, frames = shown(kind, count, np.array(velocity), size=size)
-    scene = Scene.any_direction(1200.0, photon_rate=3e4, read_noise=10.0)
+    scene = Scene.any_direction(600.0, photon_rate=1e5, read_noise=10.0)
+    captures, truth, frames = shown(kind, count, np.array(velocity), size=size, scene=scene)
     light, estimate = restore_frames(captures, scene, frames)
     assert isinstance(estimate, VelocityEstimate)
     assert estimate.trusted, estimate.doubt
@@ -152,10 +151,11 @@ def test_errors_of_a_picture_with_little_detail_hold(kind):
     light, frames = gaussian_filter(light, 0.7), frames_of("A", 2, kind)
     velocity, scores = np.array([310.0, -240.0]), []
     size = {"num_rows": 96, "num_columns": 96}
+    scene = Scene.any_direction(450.0, photon_rate=3e4, read_noise=10.0)
     for seed in (0, 1):
         key = jax.random.key(seed)
-        captures = simulate_frames(light, NARROW, frames, speed=velocity, key=key, **size)
-        estimate = estimate_of(captures, NARROW, frames)
+        captures = simulate_frames(light, scene, frames, speed=velocity, key=key, **size)
+        estimate = estimate_of(captures, scene, frames)
         off = estimate.velocity - velocity
         scores.append(off @ np.linalg.inv(estimate.covariance) @ off)
         across, along = np.sqrt(np.diag(estimate.covariance))
@@ -178,7 +178,8 @@ def test_errors_of_a_picture_with_little_detail_hold(kind):
 )
 def test_frames_that_fit_no_picture_are_not_trusted(spoilt, doubt):
     """Each with its reason."""
-    captures, _, frames = shown(size=(64, 76))
+    velocity, scene = VELOCITY / 2, Scene.any_direction(450.0, photon_rate=3e5, read_noise=10.0)
+    captures, _, frames = shown(velocity=velocity, size=(56, 64), scene=scene)
     if spoilt == "order":
         captures = captures[[0, 2, 1, 3]]
     elif spoilt == "repeated":
@@ -190,10 +191,10 @@ def test_frames_that_fit_no_picture_are_not_trusted(spoilt, doubt):
     elif spoilt == "shifted":
         captures[1] = np.roll(captures[1], (0, 2), axis=(0, 1))
     elif spoilt == "flat":
-        captures = 0.25 + 0.02 * np.random.default_rng(0).normal(size=captures.shape)
+        captures = 0.25 + 0.006 * np.random.default_rng(0).normal(size=captures.shape)
     elif spoilt == "design":
         frames = frames_of("A", 4, "circle")
-    estimate = estimate_of(captures, NARROW, frames)
+    estimate = estimate_of(captures, scene, frames)
     assert not estimate.trusted
     assert any(word in estimate.doubt for word in doubt.split("|")), estimate.doubt
 
@@ -219,12 +220,13 @@ def test_a_velocity_that_is_told_is_judged():
 @pytest.mark.slow
 def test_frames_whose_gain_changes_tell_the_velocity():
     """By some per cent from frame to frame, and a black level that does."""
-    captures, _, frames = shown()
+    velocity, scene = VELOCITY / 2, Scene.any_direction(450.0, photon_rate=3e4, read_noise=10.0)
+    captures, _, frames = shown(velocity=velocity, size=(64, 72), scene=scene)
     gains = np.array([1.0, 1.06, 0.97, 1.02])[:, None, None]
     estimate = estimate_of(
-        gains * captures + [[[0.0]], [[0.01]], [[0.0]], [[0.004]]], NARROW, frames
+        gains * captures + [[[0.0]], [[0.01]], [[0.0]], [[0.004]]], scene, frames
     )
-    assert np.hypot(*(estimate.velocity - VELOCITY)) * 0.06 < 0.3
+    assert np.hypot(*(estimate.velocity - velocity)) * 0.06 < 0.3
 
 
 def test_a_gain_that_was_taken_out_is_not_found_again():
@@ -244,9 +246,9 @@ def test_a_gain_that_was_taken_out_is_not_found_again():
 @pytest.mark.slow
 def test_a_velocity_beyond_the_scene_is_not_trusted():
     """It lies outside of the disc that is searched."""
-    captures, _, frames = shown(velocity=np.array([700.0, -640.0]))
-    scene = Scene.any_direction(600.0, photon_rate=3e4, read_noise=10.0)
-    assert not estimate_of(captures, scene, frames).trusted
+    captures, _, frames = shown(velocity=np.array([240.0, -220.0]), size=(56, 64))
+    scene = Scene.any_direction(300.0, photon_rate=3e4, read_noise=10.0)
+    assert "beyond those of the scene" in estimate_of(captures, scene, frames).doubt
 
 
 @pytest.mark.parametrize(
@@ -285,7 +287,7 @@ def test_a_velocity_at_which_frames_share_nothing_is_refused():
 
 def test_decoders_of_the_plane_restore_with_their_prior():
     """Total variation beats the linear one, as a penalty and as a denoiser of one's own."""
-    captures, truth, frames = shown(size=(128, 128))
+    captures, truth, frames = shown(size=(72, 72))
     levels = {}
     for name, decoder in {
         "ensemble": EnsembleDecoder(),
