@@ -12,7 +12,7 @@ from collections import Counter
 
 import jaxtyping
 
-MOST_CALLS = 20
+MOST_CALLS = 5
 """A loop passes what it passed before: a wrong type or shape shows in its first rounds."""
 calls: Counter = Counter()
 """Calls of each function since the test began."""
