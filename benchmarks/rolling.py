@@ -20,6 +20,7 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.bursts_photographs import decibels
 from benchmarks.plane_photographs import PHOTOGRAPHS
+from mishutter.evaluation.fans import SEARCHED
 from mishutter.pictures.images import shipped_picture
 
 PERIOD, STROKE, COUNT = 0.02, 54.6, 4
@@ -41,10 +42,10 @@ TEXT = """## Rows that are read one after another
 Four frames of 20 ms of photographs, each at a velocity of its own up to {swift:,.0f} px/s, on
 parabolas of 54.6 px along rows or columns, and on a circle in the plane. "dB" is the mean level of
 the restored picture, away from its borders, and "short" what it has less than behind a global
-shutter beside what the level itself loses, in the mean and at worst; "within" is the number of
-velocities that are within two of their errors. "Not told" is of a decoder that takes all rows for
-exposed at once: its mean level, how many of its estimates are trusted, and how many of these though
-their picture has more than {much:g} dB less than the other's.
+shutter beside what the level of its velocity loses, in the mean and at worst; "within" is the
+number of velocities that are within two of their errors. "Not told" is of a decoder that takes all
+rows for exposed at once: its mean level, how many of its estimates are trusted, and how many of
+these though their picture has more than {much:g} dB less than the other's.
 
 {table}"""
 
@@ -83,12 +84,30 @@ class Case(NamedTuple):
         return every
 
 
+def velocity_of(number: int) -> np.ndarray:
+    """The velocity of a photograph; px/s."""
+    random = np.random.default_rng(number)
+    size, angle = SWIFT * np.sqrt(random.uniform(0.1, 1)), random.uniform(0, 2 * np.pi)
+    return size * np.array([np.cos(angle), np.sin(angle)])
+
+
+def level_of(case: Case, velocity: np.ndarray) -> float:
+    """The level of one velocity, dB, which a circle that rows turn may see better or worse.
+
+    Levels of different readouts differ alike on a fine fan of directions.
+    """
+    light: Any = {"photon_rate": RATE, "read_noise": READ, "sensor": case.scene.sensor}
+    if case.way == "in the plane":
+        scene = ms.Scene.any_direction(ms.ListedVelocities(velocity[None]), **light)
+    else:
+        scene = ms.Scene(velocity[:1], **light)
+    return float(ms.exposures_psnr(scene, case.frames, grid=SEARCHED))
+
+
 def measured(case: Case, name: str, number: int) -> dict[str, float]:
     """Levels and velocities of one photograph."""
     light = np.asarray(shipped_picture(name).luminance, np.float64)[:440, :600]
-    random = np.random.default_rng(number)
-    size, angle = SWIFT * np.sqrt(random.uniform(0.1, 1)), random.uniform(0, 2 * np.pi)
-    velocity = size * np.array([np.cos(angle), np.sin(angle)])
+    velocity = velocity_of(number)
     rows, columns = SHAPE
     sensor, speed = {"num_columns": columns}, velocity
     if case.way == "in the plane":
@@ -106,7 +125,7 @@ def measured(case: Case, name: str, number: int) -> dict[str, float]:
     ways = np.abs(velocity) * (COUNT - 1) * PERIOD / 2
     across, down = {"in the plane": ways, "along rows": (ways[0], 0)}.get(case.way, (0, ways[0]))
     inner = tuple(slice(edge, -edge) for edge in (MARGIN + int(way) for way in (down, across)))
-    row = {"level": float(ms.exposures_psnr(scene, frames))}
+    row = {"level": level_of(case, velocity)}
     untold = replace(scene, sensor=replace(scene.sensor, readout=None))
     for word, own in (("told", scene), ("untold", untold))[: 2 if case.readout else 1]:
         found = ms.restore_frames(taken, own, frames)

@@ -1,8 +1,8 @@
 """Settings that every test runs under: 64-bit, no implicit promotion of types or ranks.
 
 The annotations of the package are checked at run time (jaxtyping with beartype): a function's first
-calls in each test, or its first traces, hold arguments and return values to their types and shapes
-(`support/run_time_types.py`). A subprocess that a test starts runs the package as a user does,
+calls in each quick test, or its first traces, hold arguments and return values to their types and
+shapes (`support/run_time_types.py`). Slow tests and subprocesses run the package as a user does,
 unchecked.
 
 Compiled programs are dropped after each module and kept on disk for all processes of the run.
@@ -76,9 +76,9 @@ def _refuse_programs(event, **_):
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup():
+def pytest_runtest_setup(item):
     """Processes that share a cache may read an entry that another is still writing."""
-    run_time_types.calls.clear()
+    run_time_types.begin(is_checked=item.get_closest_marker("slow") is None)
     mend_compilation_cache()
 
 

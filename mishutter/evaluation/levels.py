@@ -82,7 +82,7 @@ def exposures_psnr(
         lights: First and last light of each, s, where a gate shortens it.
         grid: Sizes of the fan of directions, for a scene in the plane. Those by default hold a
             level to 0.05 dB, mostly to 0.01 dB; a descent by JAX takes a tenth of the time on
-            `Grid(48, 4, 16, 4)`, as the search does.
+            `mishutter.evaluation.fans.SEARCHED`, as the search does.
         num_panels: Panels of 16 nodes in each exposure, for ways of 7 px each; by default those
             that they need, which are not known inside `jax.jit`.
 

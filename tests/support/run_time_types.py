@@ -3,7 +3,8 @@
 jaxtyping's import hook decorates every function, and an inner loop over NumPy would take ten times
 as long: a check costs some 30 us, and a function within a function is decorated anew, by compiling
 source, at each call of the outer one. Here it is the outer functions and the classes that are
-checked, each at its first `MOST_CALLS` calls of a test; a traced function runs but once a trace.
+checked, each at its first `MOST_CALLS` calls of a quick test; a traced function runs but once a
+trace.
 """
 
 import dataclasses
@@ -14,8 +15,10 @@ import jaxtyping
 
 MOST_CALLS = 5
 """A loop passes what it passed before: a wrong type or shape shows in its first rounds."""
-calls: Counter = Counter()
-"""Calls of each function since the test began."""
+_calls: Counter = Counter()
+"""Calls of each function that were checked since the test began."""
+_most = MOST_CALLS
+"""Those of a function that are checked in this test."""
 
 _jaxtyped = jaxtyping.jaxtyped
 
@@ -38,12 +41,19 @@ def _jaxtyped_at_first(function=None, *, typechecker):
 
     @functools.wraps(function)
     def wrapper(*args, **kwargs):
-        calls[function] += 1
-        if calls[function] > MOST_CALLS:
+        if _calls[function] >= _most:
             return function(*args, **kwargs)
+        _calls[function] += 1
         return checked()(*args, **kwargs)
 
     return wrapper
+
+
+def begin(*, is_checked):
+    """Begins a test, in which types are checked or are not."""
+    global _most
+    _calls.clear()
+    _most = MOST_CALLS if is_checked else 0
 
 
 def check_types_of(package):
