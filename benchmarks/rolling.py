@@ -47,7 +47,12 @@ number of velocities that are within two of their errors. "Not told" is of a dec
 rows for exposed at once: its mean level, how many of its estimates are trusted, and how many of
 these though their picture has more than {much:g} dB less than the other's.
 
-{table}"""
+{table}
+
+In the plane each row's circle begins at another place. What one begin hardly records, waves of the
+photograph among it that the level's spectrum has less of, others do: of astronaut.png at
+(-153, 1,221) px/s all rows together have 28.0 to 30.2 dB by where the circle begins, of one level
+within 0.3 dB. So a photograph is up to 1.3 dB better or worse by its rows' times alone."""
 
 
 class Case(NamedTuple):
