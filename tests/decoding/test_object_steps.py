@@ -748,7 +748,7 @@ def test_squares_by_a_things_own_light_are_over_the_noise():
     found = arrangement(light=found.stills.light + noise * random.normal(size=(3, *SHAPE)))
     over = np.zeros((3, *SHAPE), bool)
     over[0] = found.cover[1][0] > 0.5
-    squares, known = _shown(found.stills, splines(found.stills.light), found.things[1], over)
+    squares, known = _shown(found.stills, found.things[1], over)
     inner = found.cover[1][0] > 0.999
     assert np.all(known[0] <= over[0])
     assert not known[1:].any()

@@ -26,7 +26,7 @@ BURST = BurstMode(frames_per_s=40, max_frames=3, window=0.09, dead_time=0.002)
 LINE = Scene.uniform(max_speed=600.0, num_speeds=3, **LIGHT, limits=Limits(**STAGE), burst=BURST)
 PLANE = {
     axes: Scene.any_direction(
-        400.0, **LIGHT, limits=Limits(**STAGE, max_travel=45, axes=axes), burst=BURST
+        1500.0, **LIGHT, limits=Limits(**STAGE, max_travel=45, axes=axes), burst=BURST
     )
     for axes in ("each", "disc", "one")
 }
@@ -113,7 +113,7 @@ def test_derivatives_in_the_plane_are_those_of_differences(axes):
     parameters = ExposureParameters(PLANE[axes], CIRCLE)
     value = jax.jit(jax.value_and_grad(parameters.loss()))
     assert is_that_of_differences(value, 0.9 * np.array(parameters.start))
-    assert is_that_of_differences(value, 2.0 * np.array(parameters.start))
+    assert is_that_of_differences(value, 1.3 * np.array(parameters.start))
 
 
 def test_optax_raises_the_level_within_the_limits(on_a_line):
