@@ -250,8 +250,9 @@ def likeliest(
     if matrices:
         solve = _by_matrices(canvas, matrices)
     else:
-        waves = math.prod(canvas.shape) // _PIXELS_A_WAVE if math.isfinite(settled) else _WAVES
-        if len(canvas.shape) > 1 and (tolerance < _BY_WAVES or math.isfinite(settled)):
+        settles = math.isfinite(settled)
+        if len(canvas.shape) > 1 and (settles or tolerance < _BY_WAVES):
+            waves = math.prod(canvas.shape) // _PIXELS_A_WAVE if settles else _WAVES
             near = _together(canvas, responses, waves)
         else:
             near = _alone(canvas, responses)

@@ -9,13 +9,12 @@ trace.
 
 import dataclasses
 import functools
-from collections import Counter
 
 import jaxtyping
 
 MOST_CALLS = 5
 """A loop passes what it passed before: a wrong type or shape shows in its first rounds."""
-_calls: Counter = Counter()
+_calls: dict = {}
 """Calls of each function that were checked since the test began."""
 _most = MOST_CALLS
 """Those of a function that are checked in this test."""
@@ -41,9 +40,10 @@ def _jaxtyped_at_first(function=None, *, typechecker):
 
     @functools.wraps(function)
     def wrapper(*args, **kwargs):
-        if _calls[function] >= _most:
+        count = _calls.get(function, 0)
+        if count >= _most:
             return function(*args, **kwargs)
-        _calls[function] += 1
+        _calls[function] = count + 1
         return checked()(*args, **kwargs)
 
     return wrapper

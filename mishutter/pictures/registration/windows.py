@@ -11,8 +11,6 @@ Picture = Float[np.ndarray, "_ _"]
 """Pixels of any unit."""
 _SPLINE = 3
 """Degree of the splines by which light is moved."""
-_WIDEST = 60.0
-"""Widest Gaussian by which unknown pixels are filled; px."""
 
 
 def smoothed(picture: np.ndarray, sigma: float) -> np.ndarray:
@@ -44,14 +42,14 @@ def splines(frames: Float[np.ndarray, "frames rows columns"]) -> np.ndarray:
     return coefficients
 
 
-def filled(picture: Picture, known: np.ndarray, widest: float = _WIDEST) -> Picture:
+def filled(picture: Picture, known: np.ndarray, widest: float = np.inf) -> Picture:
     """A picture whose unknown pixels are means of ever wider neighbourhoods, then of all of it.
 
     Where only those near known ones count, the widest Gaussian, px, may be a narrow one.
     """
     out, weight = np.where(known, picture, np.nan), known.astype(np.float32)
     light = np.where(known, picture, 0).astype(np.float32)
-    for sigma in (1.5, 3.0, 6.0, 12.0, 24.0, _WIDEST):
+    for sigma in (1.5, 3.0, 6.0, 12.0, 24.0, 60.0):
         missing = np.isnan(out)
         if sigma > widest or not missing.any():
             break
