@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from mishutter.model.alignment import PathPieces, safe_sqrt
+from mishutter._core.slopes import safe_sqrt
+from mishutter.model.alignment import PathPieces
 
 _NEAR = 2
 """Ratio of a piece's velocity to its gain of velocity up to which its vertex counts as near."""

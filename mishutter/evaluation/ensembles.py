@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter.model.alignment import safe_sqrt
+from mishutter._core.slopes import safe_sqrt
 from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
 from mishutter.model.optics import frequency_grid
 from mishutter.model.scene import Scene

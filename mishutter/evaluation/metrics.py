@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core.compiling import compiled
+from mishutter._core.slopes import safe_sqrt
 from mishutter.blur.spectrum import condition_number
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors
@@ -25,7 +26,6 @@ from mishutter.evaluation.found_speed import found_psnr, found_share_of
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Parts, Plan
 from mishutter.evaluation.response import Records, Response, kernel_phase
 from mishutter.evaluation.views import nan_unless_defined, sampled_view
-from mishutter.model.alignment import safe_sqrt
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequency_grid
 from mishutter.model.scene import Scene, require_scene

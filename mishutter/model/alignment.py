@@ -15,12 +15,12 @@ speed this is the best that follows from the path alone: `benchmarks/alignment.p
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from mishutter._core.checks import Numbers, namespace_of
+from mishutter._core.slopes import magnitude
 
 _LEAST_SAG = 1e-15
 """Sag down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
@@ -103,15 +103,3 @@ def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
     is_beyond = size > 2 * depth
     safe = space.where(is_beyond | (depth <= _LEAST_SAG), 1.0, depth)
     return space.where(is_beyond, 2 * size, depth + size + size * (size / (4 * safe)))
-
-
-def safe_sqrt(square: Any) -> Any:
-    """Square root; 0 for negative numbers, and with a derivative of 0 at 0."""
-    space, is_zero = jnp if isinstance(square, jax.Array) else np, square <= 0
-    # Without the inner `where` the infinite slope at 0, times the 0 of the outer one, would be NaN.
-    return space.where(is_zero, 0.0, space.sqrt(space.where(is_zero, 1.0, square)))
-
-
-def magnitude(value: Lengths) -> Lengths:
-    """$|x|$, whose derivative at 0 is 1."""
-    return namespace_of(value).where(value < 0, -value, value)

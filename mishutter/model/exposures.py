@@ -19,6 +19,7 @@ from mishutter._core.checks import (
     require_known,
     three_digits,
 )
+from mishutter._core.slopes import largest_of
 from mishutter.model.frame_path import (
     SINE,
     FramePath,
@@ -348,7 +349,7 @@ class Exposures:
             (acceleration, limits.max_acceleration),
         )
         shares = [taken / float(there) for taken, there in pairs if there is not None]
-        return float(max(shares)) if all_concrete(shares) else jnp.max(jnp.stack(shares))
+        return float(max(shares)) if all_concrete(shares) else largest_of(jnp.stack(shares))
 
     def with_travel(self, limits: Limits) -> "Exposures":
         """The sequence with the travel of its path within some limits.

@@ -27,6 +27,7 @@ from mishutter._core.checks import (
     require,
 )
 from mishutter._core.modules import AbstractModule
+from mishutter._core.slopes import largest_of, length_of
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.stages import (
@@ -271,8 +272,8 @@ class FramePath(AbstractModule):
         if all_concrete((durations, velocities)):
             durations, velocities = self._known
         most = math.inf if limits.max_acceleration is None else float(limits.max_acceleration)
-        space, kind = namespace_of(durations, velocities), math.inf if limits.axes == "each" else 2
-        first, last = (space.linalg.norm(velocities[:, end], kind)[None] / most for end in (0, -1))
+        space = namespace_of(durations, velocities)
+        first, last = (_sizes(v, limits) / most for v in (velocities[:, :1], velocities[:, -1:]))
         rest, durations = 0 * velocities[:, :1], space.concatenate([first, durations, last])
         velocities = space.concatenate([rest, velocities, rest], axis=1)
         return Knots(durations, velocities, None, 1, durations.size - 1)
@@ -292,16 +293,18 @@ class FramePath(AbstractModule):
         space = namespace_of(knots.durations, knots.velocities)
         if len(knots.velocities) == 1:
             return knots._replace(velocities=knots.velocities[0]).use
-        angles = _DIRECTIONS if limits.axes == "disc" else np.array([0.0, np.pi / 2])
-        if limits.axes == "one":
-            x, y = knots.velocities[:, space.argmax(space.hypot(*knots.velocities))]
-            angles = space.arctan2(y, x)[None]
-        units = space.stack([space.cos(angles), space.sin(angles)], axis=-1)
+        units = np.eye(2)
         if limits.axes == "disc":  # between two directions there may be that much more
+            units = np.stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)], axis=-1)
             units = units / np.cos(_DIRECTIONS[1] / 2)
-        along = units @ knots.velocities
+        elif limits.axes == "one":
+            speeds = length_of(knots.velocities)
+            fastest = space.argmax(speeds)
+            speed = speeds[fastest]
+            units = (knots.velocities[:, fastest] / space.where(speed > 0, speed, 1.0))[None]
+        along = space.asarray(units, knots.velocities.dtype) @ knots.velocities
         use = knots._replace(durations=knots.durations[None], velocities=along).use
-        return StageUse(*(space.max(each) for each in use))
+        return StageUse(*map(largest_of, use))
 
     def acceleration(self, limits: Limits) -> Numbers | np.floating:
         """Greatest acceleration of an axis or of both, infinite where a velocity jumps; px/s^2.
@@ -310,10 +313,10 @@ class FramePath(AbstractModule):
             limits: Those of the stage.
         """
         d, velocities = as_numpy(self.durations, self.velocities)
-        space, kind = namespace_of(d, velocities), math.inf if limits.axes == "each" else 2
-        size = space.linalg.norm(space.diff(velocities), kind, axis=0)
+        space = namespace_of(d, velocities)
+        size = _sizes(space.diff(velocities), limits)
         at_once = space.where(size > 0, math.inf, 0.0)
-        return space.max(space.where(d > 0, size / space.where(d > 0, d, 1.0), at_once))
+        return largest_of(space.where(d > 0, size / space.where(d > 0, d, 1.0), at_once))
 
     def stage_paths(self, limits: Limits) -> list[StagePath]:
         """The paths of the stage along each axis, each about the middle of its travel.
@@ -655,6 +658,11 @@ def frames_in(frames: Frames, *, is_sine: bool = False) -> TimedFrames | FramePa
     """Exposures as a whole, of which all else is asked."""
     is_whole = isinstance(frames, TimedFrames | FramePath)
     return frames if is_whole else TimedFrames(tuple(frames), is_sine)
+
+
+def _sizes(vectors: Numbers, limits: Limits) -> Numbers:
+    """Sizes of vectors by which they keep limits; components lie along the first axis."""
+    return largest_of(abs(vectors).T) if limits.axes == "each" else length_of(vectors)
 
 
 def _ends(frame: TimedFrame) -> tuple[float, float]:

@@ -37,12 +37,11 @@ from mishutter._core.checks import (
     shape_of,
 )
 from mishutter._core.modules import AbstractModule
+from mishutter._core.slopes import largest_of, magnitude, safe_sqrt
 from mishutter.model.alignment import (
     PathPieces,
     above_alignment,
     length_on_parabola,
-    magnitude,
-    safe_sqrt,
     turns,
 )
 
@@ -615,18 +614,6 @@ def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
         return tuple(np.asarray(x, np.result_type(values[0], np.float32)) for x in values)
     dtype = common_dtype(*values)
     return tuple(jnp.asarray(x, dtype) for x in values)
-
-
-def largest_of(values: Any) -> Positions:
-    """The largest of the last axis, of equal ones the last, by its index.
-
-    The derivative of a maximum asks which values equal it: none does where the compiler computes
-    them again and rounds otherwise, and the slope is then 0 / 0. A path without acceleration gains
-    speed at its end as soon as it has some.
-    """
-    values = values[..., ::-1]
-    index = values.argmax(axis=-1)[..., None]
-    return namespace_of(values).take_along_axis(values, index, axis=-1)[..., 0]
 
 
 def _number(formula: Callable[..., Positions], *numbers: Positions) -> Array:

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core.checks import Numbers, require, require_finite, require_known, require_number
-from mishutter.model.alignment import safe_sqrt
+from mishutter._core.slopes import largest_of, safe_sqrt
 from mishutter.model.motion import AbstractMotion
 
 _AT_ONCE = 1e9
@@ -144,16 +144,14 @@ class Knots(NamedTuple):
         def span(start: int, stop: int) -> Numbers:
             every = [places[..., start : stop + 1], *(x[..., start:stop] for x in extremes)]
             every = space.concatenate(every, axis=-1)
-            return space.max(every, axis=-1) - space.min(every, axis=-1)
+            return largest_of(every) + largest_of(-every)
 
         lasting = space.where(_lasts(d), d, np.inf)
         steepest = space.maximum(abs(gain - bend), abs(gain + bend)) / lasting
         return StageUse(
             span(0, d.shape[-1]),
             span(first, last),
-            space.max(fastest, axis=-1),
-            space.max(steepest, axis=-1),
-            space.max(jerk, axis=-1),
+            *map(largest_of, (fastest, steepest, jerk)),
         )
 
     def from_rest_to_rest(

@@ -24,7 +24,7 @@ from mishutter._core.checks import (
     require_positive_int,
 )
 from mishutter._core.modules import AbstractModule
-from mishutter.model.alignment import safe_sqrt
+from mishutter._core.slopes import safe_sqrt
 from mishutter.model.motion import is_known_zero
 
 

@@ -32,6 +32,8 @@ VIDEO_SUFFIXES = (
 _ORIENTATION = 274
 """Number of the TIFF and EXIF tag that says how a picture is stored."""
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_PIXELS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
+"""Chunks of a PNG that its pixels need."""
 _TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = range(3)
 """TIFF's numbers for the meaning of a pixel's values."""
@@ -233,9 +235,9 @@ def _decoded_png(path: Path) -> Decoded:
     from PIL import Image
 
     content = path.read_bytes()
-    chunks = _png_chunks(content)
+    chunks, shown = _png_chunks(content)
     exponent, doubt = _png_coding(chunks)
-    pixels = imagecodecs.png_decode(content)  # refuses missing rows, which Pillow leaves black
+    pixels = imagecodecs.png_decode(shown)  # refuses missing rows, which Pillow leaves black
     if chunks[b"IHDR"][8] <= 8:
         return _decoded_by_pillow(path)._replace(exponent=exponent, doubt=doubt)
     with Image.open(path) as file:
@@ -245,9 +247,14 @@ def _decoded_png(path: Path) -> Decoded:
     return Decoded.of(pixels, has_more)._replace(exponent=exponent, doubt=doubt)
 
 
-def _png_chunks(content: bytes) -> dict[bytes, bytes]:
-    """The chunks of a PNG by their names, without its pixels; none may be missing or damaged."""
+def _png_chunks(content: bytes) -> tuple[dict[bytes, bytes], bytes]:
+    """The chunks of a PNG by their names, without its pixels, and the PNG of its pixels alone.
+
+    None may be missing or damaged. The second is without what the decoder would only warn of on
+    standard error, as of a colour profile that breaks a rule.
+    """
     view, place, chunks = memoryview(content), len(_PNG_SIGNATURE), {}
+    shown = [view[:place]]
     while b"IEND" not in chunks:
         size = int.from_bytes(view[place : place + 4], "big")
         name = bytes(view[place + 4 : place + 8])
@@ -262,8 +269,10 @@ def _png_chunks(content: bytes) -> dict[bytes, bytes]:
             _require_size(*(int.from_bytes(data[i : i + 4], "big") for i in (0, 4)))
         if name != b"IDAT":
             chunks[name] = bytes(data)
+        if name in _PNG_PIXELS:
+            shown.append(view[place:][: 12 + size])
         place += 12 + size
-    return chunks
+    return chunks, b"".join(shown)
 
 
 def _png_coding(chunks: dict[bytes, bytes]) -> tuple[float | None, str]:

@@ -43,8 +43,9 @@ class ExposureParameters(AbstractModule):
     shortest and the longest; one of each pause beyond the least that the frame rate and the dead
     time leave, $e^z$ periods; and the velocities of the sensor at the ends of the pieces of its
     path, in units of the speed by which the longest exposure of the start takes all of the stroke.
-    Each piece has a constant acceleration, and keeps its share of its frame, or of the time between
-    two.
+    Where things move in the plane and the stage has one axis, they are velocities along it, and one
+    number more is its angle. Each piece has a constant acceleration, and keeps its share of its
+    frame, or of the time between two.
 
     Frames that take more than the window $W$ are shortened: the time $F(s)$ that they take where
     what is beyond the least of each is $s$ times as long is convex, so that they fit with
@@ -81,6 +82,7 @@ class ExposureParameters(AbstractModule):
     # Of the pieces of each frame and of the time to the next one in turn: their shares of it
     shares: tuple[tuple[float, ...], ...] = eqx.field(static=True)
     num_axes: int = eqx.field(static=True)
+    is_turned: bool = eqx.field(static=True)  # Whether a stage of one axis lies in the plane
     unit: float = eqx.field(static=True)  # Of velocities; px/s
     num_panels: int = eqx.field(static=True)  # Half as many again as the start's
 
@@ -104,6 +106,7 @@ class ExposureParameters(AbstractModule):
         ends = np.stack([begin, end], axis=-1).ravel()
         knots, self.shares = _pieces(ends, path.bends)
         self.scene, self.num_axes = scene, path.num_axes
+        self.is_turned = path.num_axes == 2 and limits.axes == "one"
         self.camera = camera = FrameTimes.of(scene, scene.burst)  # type: ignore[arg-type]
         self.unit = float(limits.max_stroke) / float(np.max(lit))
         instants = instants_of(scene, path, "ExposureParameters")
@@ -115,11 +118,16 @@ class ExposureParameters(AbstractModule):
         share = (lit - least) / max(camera.longest - camera.shortest, math.ulp(1.0))
         share = np.clip(share, _NEAREST, 1 - _NEAREST)
         pauses = (begin[1:] - end[:-1] - camera.least_pauses(lit)) / camera.period
-        velocities = [np.interp(knots, path.bends, along) for along in np.asarray(path.velocities)]
+        along, turn = np.asarray(path.velocities, np.float64), []
+        if self.is_turned:
+            axis = np.linalg.svd(along)[0][:, 0]
+            along, turn = axis[None] @ along, [math.atan2(axis[1], axis[0])]
+        velocities = [np.interp(knots, path.bends, each) for each in along]
         parts = (
             np.log(share / (1 - share)),
             np.log(np.maximum(pauses, _NEAREST)),
             np.concatenate(velocities) / self.unit,
+            turn,
         )
         self.start = as_float(np.concatenate(parts).astype(scene.speeds.dtype))
 
@@ -158,6 +166,9 @@ class ExposureParameters(AbstractModule):
         times = jnp.cumsum(parts)[::2] - lit / 2 - jnp.sum(parts) / 2
         each = zip(parts, self.shares, strict=True)
         durations = jnp.concatenate([part * jnp.asarray(own) for part, own in each])
+        if self.is_turned:
+            turn = velocities[-1]
+            velocities = jnp.outer(jnp.stack([jnp.cos(turn), jnp.sin(turn)]), velocities[:-1])
         path = FramePath(times, lit, durations, self.unit * velocities.reshape(self.num_axes, -1))
         taken = Exposures("frames by numbers", path).share_of(self.scene.limits)
         return eqx.tree_at(lambda x: x.velocities, path, path.velocities / jnp.maximum(taken, 1.0))

@@ -173,6 +173,16 @@ def test_a_tiff_that_lacks_a_part_is_refused(slug, tmp_path):
                 ms.read_picture(path)
 
 
+@pytest.mark.parametrize("kind", [2, 3])
+def test_a_colour_profile_that_breaks_a_rule_is_passed_over(kind, tmp_path, caplog):
+    """It is not used, and the decoder would warn of it on users' standard error."""
+    profile = chunk(b"iCCP", b"ICC Profile\0\0" + zlib.compress(bytes(200)))
+    taken = read(tmp_path / "a.png", png(kind, 8, extra=profile))
+    assert caplog.text == ""
+    plain = read(tmp_path / "b.png", png(kind, 8))
+    np.testing.assert_array_equal(taken.light, plain.light)
+
+
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize(
     ("chunks", "power"),

@@ -1,5 +1,7 @@
 """Frames of a burst by numbers without bounds."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +28,7 @@ BURST = BurstMode(frames_per_s=40, max_frames=3, window=0.09, dead_time=0.002)
 LINE = Scene.uniform(max_speed=600.0, num_speeds=3, **LIGHT, limits=Limits(**STAGE), burst=BURST)
 PLANE = {
     axes: Scene.any_direction(
-        1500.0, **LIGHT, limits=Limits(**STAGE, max_travel=45, axes=axes), burst=BURST
+        400.0, **LIGHT, limits=Limits(**STAGE, max_travel=45, axes=axes), burst=BURST
     )
     for axes in ("each", "disc", "one")
 }
@@ -38,6 +40,11 @@ CIRCLE = PlaneFrames(
     np.array([0.02, 0.0275, 0.015]),
     900.0 * np.stack([np.cos([0.0, 2.0, 4.0, 5.5]), np.sin([0.0, 2.0, 4.0, 5.5])]),
 )
+IN_PLANE = {
+    "circle": CIRCLE,
+    "stills": replace(CIRCLE, velocities=0 * CIRCLE.velocities),
+    "pan": replace(CIRCLE, velocities=CIRCLE.velocities[:, :1] + 0 * CIRCLE.velocities),
+}
 STARTS = {"line": (LINE, FRAMES)} | {axes: (PLANE[axes], CIRCLE) for axes in PLANE}
 
 
@@ -107,13 +114,26 @@ def test_derivatives_are_those_of_differences(on_a_line, size):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("axes", PLANE)
-def test_derivatives_in_the_plane_are_those_of_differences(axes):
+@pytest.mark.parametrize(
+    ("axes", "name"), [("each", "circle"), ("disc", "circle"), ("disc", "stills"), ("one", "pan")]
+)
+def test_derivatives_in_the_plane_are_those_of_differences(axes, name):
     """Limits of each axis, of both together and of one are differentiated too."""
-    parameters = ExposureParameters(PLANE[axes], CIRCLE)
+    parameters = ExposureParameters(PLANE[axes], IN_PLANE[name])
     value = jax.jit(jax.value_and_grad(parameters.loss()))
-    assert is_that_of_differences(value, 0.9 * np.array(parameters.start))
-    assert is_that_of_differences(value, 1.3 * np.array(parameters.start))
+    for share in (1.0, 2.0):
+        assert is_that_of_differences(value, share * np.array(parameters.start))
+
+
+def test_a_stage_of_one_axis_stays_on_it():
+    """Whatever the numbers, the path is straight, along a direction that one of them turns."""
+    parameters = ExposureParameters(PLANE["one"], CIRCLE)
+    row = np.random.default_rng(3).standard_normal(parameters.size)
+    for turn in (-0.4, 1.3):
+        row[-1] = turn
+        x, y = np.asarray(parameters.frames(row).velocities)
+        np.testing.assert_allclose(y, np.tan(turn) * x, rtol=1e-12)
+    assert parameters.size == ExposureParameters(PLANE["each"], CIRCLE).size - 3
 
 
 def test_optax_raises_the_level_within_the_limits(on_a_line):
