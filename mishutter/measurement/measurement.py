@@ -8,7 +8,7 @@ from mishutter._core.checks import Unquoted, require, require_finite
 from mishutter._core.progress import counts
 from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
-from mishutter.measurement.motion import Motion, motion_of, read_in_turn
+from mishutter.measurement.motion import Motion, motion_of, read_in_turn, time_of_a_row
 from mishutter.measurement.noise import Noise, noise_of, require_others
 from mishutter.measurement.pan import registered
 from mishutter.measurement.scene import Measurement, along_axis
@@ -92,12 +92,12 @@ def measure(
         frames, noise = noise_from(frames, dark=dark, flats=flats, black=black)
         counter.next("velocities")
         unit = noise.law.of_unit_noise(frames.frames)
-        motion = motion_of(unit, frames.frames_per_s)
-        if sensor is not None:
-            delays = sensor.row_delays(frames.frames.shape[1])
-            motion = read_in_turn(motion, float(np.mean(np.diff(delays))))
-        frames = frames.with_words(motion.words)
-        picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
+        row = time_of_a_row(sensor, frames.frames.shape[1])
+        seen = motion_of(unit, frames.frames_per_s, row)
+        frames = frames.with_words(seen.words)
+        # Frames follow one another by the velocities that they show.
+        picture = averaged(frames.frames, unit, seen, frames.frames_per_s)
+        motion = read_in_turn(seen, row)
         if is_mosaic(picture.levels):
             word = (
                 "pixels alternate as under a mosaic of colour filters, which the picture holds as "

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from mishutter.measurement.estimates import Estimate
+from mishutter.model.sensor import Sensor
 from mishutter.pictures.registration.search import (
     AROUND,
     EXPLAINED,
@@ -81,11 +82,18 @@ class Motion:
     words: tuple[str, ...] = ()  # Sentences on objects that do not move evenly
 
 
+def time_of_a_row(sensor: Sensor | None, num_rows: int) -> float:
+    """Time from the exposure of one row to that of the next below it, as a sensor is known; s."""
+    ends = np.zeros(2) if sensor is None else sensor.row_delays(num_rows)[[0, -1]]
+    return float(ends[1] - ends[0]) / max(num_rows - 1, 1)
+
+
 def read_in_turn(motion: Motion, row: float) -> Motion:
     r"""The motion of a clip whose rows are exposed one after another, as all at once would show it.
 
     What goes down by $v$ while rows are read downwards, each $\tau$ later, is met $1/(1 - v\tau)$
-    times as late: velocities and heights that are seen are as much larger.
+    times as late: velocities and heights that are seen are as much larger. Slants are `motion_of`'s
+    to take out.
 
     Args:
         motion: The motion that the clip shows.
@@ -106,6 +114,25 @@ def read_in_turn(motion: Motion, row: float) -> Motion:
     return replace(motion, objects=tuple(objects), width=width)
 
 
+def upright(
+    labels: Int[np.ndarray, "rows columns"], ways: Sequence[float]
+) -> Int[np.ndarray, "rows columns"]:
+    """Labels of rows in turn without the slant of objects, which each have their middle row still.
+
+    Args:
+        labels: Numbers of objects, as the rows show them.
+        ways: Way of each object to the right from one row to the next below it; px.
+    """
+    found, columns = np.minimum(labels, 0), labels.shape[1]
+    for number, way in enumerate(ways, 1):
+        down, right = np.nonzero(labels == number)
+        if down.size:
+            right = right - np.rint(way * (down - down.mean())).astype(int)
+            is_seen = (right >= 0) & (right < columns)
+            found[down[is_seen], right[is_seen]] = number
+    return found
+
+
 class _View(NamedTuple):
     """A reference frame with its labels and objects."""
 
@@ -113,14 +140,29 @@ class _View(NamedTuple):
     labels: np.ndarray
     trust: np.ndarray
 
-    @property
-    def moving(self) -> Bool[np.ndarray, "rows columns"]:
-        """Pixels that move; specks, and parts of objects without texture, end no run of them."""
-        return ndimage.gaussian_filter((self.labels != 0).astype(float), 6.0) > 0.5
+    def moving(self, row: float) -> Bool[np.ndarray, "rows columns"]:
+        """Pixels that move, upright; specks, and parts without texture, end no run of them.
+
+        Args:
+            row: Time from one row to the next below it, over that from frame to frame.
+        """
+        ways = [x.velocity[1] * row / (1 + x.velocity[0] * row) for x in self.objects]
+        return ndimage.gaussian_filter((upright(self.labels, ways) != 0).astype(float), 6.0) > 0.5
 
 
-def motion_of(frames: Float[np.ndarray, "frames rows columns"], frames_per_s: float) -> Motion:
-    """The motion of frames of unit noise."""
+def motion_of(
+    frames: Float[np.ndarray, "frames rows columns"], frames_per_s: float, row: float = 0.0
+) -> Motion:
+    """The motion of frames of unit noise, as they show it.
+
+    The height of what moves is that of upright objects: where rows are exposed one after another, a
+    slant would divide it.
+
+    Args:
+        frames: The frames.
+        frames_per_s: Frames a second.
+        row: Time from the exposure of one row to that of the next below it; s.
+    """
     first = max(0, (len(frames) - MOST_FRAMES) // 2)
     frames = frames[first : first + MOST_FRAMES]
     size, scale = frames.shape[1:], 1
@@ -150,7 +192,7 @@ def motion_of(frames: Float[np.ndarray, "frames rows columns"], frames_per_s: fl
     ]
     labels = np.array([0, *numbers, -1])[middle.labels]
     enlarged = [_enlarged(each, scale, size) for each in (labels, middle.trust)]
-    masks = [view.moving for view in views]
+    masks = [view.moving(scale * frames_per_s * row) for view in views]
     return Motion(
         objects=tuple(_in_seconds(each, unit, scale, first) for each in objects),
         labels=enlarged[0],

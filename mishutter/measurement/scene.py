@@ -13,7 +13,7 @@ from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import write_text
 from mishutter.measurement.clip import Clip
 from mishutter.measurement.estimates import Estimate, Refusal
-from mishutter.measurement.motion import Motion, MovingObject
+from mishutter.measurement.motion import Motion, MovingObject, time_of_a_row, upright
 from mishutter.measurement.noise import Noise
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.sensor import Sensor
@@ -464,7 +464,8 @@ def _occlusion(found: Measurement) -> list[str]:
     share = 1 - motion.share_at_rest
     if along is None:
         return []
-    narrowest = f"width_px = {_narrowest(motion, along.axis):.1f}  # of the narrowest"
+    row = time_of_a_row(found.sensor, motion.labels.shape[0])
+    narrowest = f"width_px = {_narrowest(motion, along.axis, row):.1f}  # of the narrowest"
     if found.on_empty:
         why = "# No [occlusion]: the background is dark and empty, and levels are of what moves."
         return [why, "[objects]", f"{narrowest} along the {along.axis}"]
@@ -490,11 +491,15 @@ def _occlusion(found: Measurement) -> list[str]:
     ]
 
 
-def _narrowest(motion: Motion, axis: Axis) -> float:
+def _narrowest(motion: Motion, axis: Axis, row: float = 0.0) -> float:
     """Mean width along an axis of the narrowest object in the reference frame; px."""
-    masks = [motion.labels == number for number in np.unique(motion.labels) if number > 0]
-    lines = 1 if axis == "rows" else 0
-    widths = [float(mask.sum() / mask.any(axis=lines).sum()) for mask in masks]
+    lines, widths = 1 if axis == "rows" else 0, []
+    # Objects are slanted and stretched by rows that are exposed one after another.
+    labels = upright(motion.labels, [each.velocity[1] * row for each in motion.objects])
+    for number in np.unique(labels[labels > 0]):
+        mask = labels == number
+        share = 1.0 if lines else 1 - motion.objects[number - 1].velocity[0] * row
+        widths.append(share * float(mask.sum() / mask.any(axis=lines).sum()))
     return min(widths, default=motion.width[1 - lines])
 
 

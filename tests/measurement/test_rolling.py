@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from mishutter import measure
-from mishutter.measurement.motion import Motion, MovingObject, read_in_turn
+from mishutter import Sensor, measure
+from mishutter.measurement.motion import Motion, MovingObject, read_in_turn, upright
+from mishutter.measurement.scene import _narrowest
 from mishutter.measurement.steady import bands_of_light, steady
 
 
@@ -24,6 +25,52 @@ def test_velocities_and_heights_are_those_of_all_rows_at_once(row, seen):
     across = np.hypot(2.0, 1500 * row * 3.0)  # an error downwards changes the share
     assert found.objects[0].error[1] == pytest.approx(across / seen, rel=1e-12)
     assert found.width == pytest.approx((40.0, 60.0), rel=1e-12)
+
+
+def test_labels_of_rows_in_turn_are_put_upright():
+    """Of things that go either way, each about its own middle row."""
+    labels = np.zeros((40, 90), int)
+    labels[4:24, 10:30], labels[10:31, 50:70] = 1, 2
+    labels[35:] = -1
+    slanted = np.minimum(labels, 0)
+    for number, way in ((1, 0.4), (2, -0.3)):
+        down, right = np.nonzero(labels == number)
+        slanted[down, right + np.rint(way * (down - down.mean())).astype(int)] = number
+    assert np.sum(np.any(slanted == 1, axis=0)) > 25
+    np.testing.assert_array_equal(upright(slanted, [0.4, -0.3]), labels)
+    np.testing.assert_array_equal(upright(labels, [0.0, 0.0]), labels)
+
+
+def light_of(draw: np.random.Generator, mean: float, *shape: int) -> np.ndarray:
+    """Light with detail about a mean; e-."""
+    noise = ndimage.gaussian_filter(draw.normal(size=shape), 1.5)
+    return np.clip(mean + 300 * noise / noise.std(), 0, None)
+
+
+@pytest.mark.parametrize(
+    ("readout", "right", "rows_read"), [(0.03, 600.0, "down"), (0.03, -600.0, "up")]
+)
+def test_a_thing_is_measured_as_all_rows_at_once_show_it(readout, right, rows_read):
+    """A slant divides the columns of what moves, and frames are averaged as they show it."""
+    draw, down, rows = np.random.default_rng(9), 250.0, np.arange(180)
+    thing, behind, frames = light_of(draw, 2500, 60, 60), light_of(draw, 1200, 180, 220), []
+    delays = Sensor(readout=readout, rows_read=rows_read).row_delays(180)
+    for k in range(6):
+        time = (k - 2.5) / 30 + delays
+        y, x = rows - 60 - down * time, np.arange(220) - 80 - right * time[:, None]
+        y = np.broadcast_to(y[:, None], x.shape)
+        own = ndimage.map_coordinates(thing, [y, x], order=1, mode="nearest")
+        is_own = (y >= 0) & (y <= 59) & (x >= 0) & (x <= 59)
+        frames.append(np.where(is_own, own, behind))
+    levels = draw.poisson(frames).astype(np.uint16)
+    found = measure(levels, frames_per_s=30, black=0, readout=readout, rows_read=rows_read)
+    assert found.motion.objects[0].velocity == pytest.approx((down, right), abs=2)
+    narrowest = _narrowest(found.motion, "columns", float(np.mean(np.diff(delays))))
+    for width in (found.motion.width[1], narrowest):
+        assert width == pytest.approx(58, abs=1.5)
+    moves = found.motion.labels > 0
+    light, seen = np.asarray(found.light[..., 0])[moves], frames[found.motion.frame][moves]
+    assert np.corrcoef(light, seen)[0, 1] > 0.785
 
 
 def picture():

@@ -641,7 +641,8 @@ def test_the_narrowest_object_is_that_along_the_axis(second, along):
         labels[10:40, 20:70] = 1
     if second:
         labels[50:94, 10:35] = second
-    motion = Motion((), labels, np.ones(labels.shape), 0, 0.5, 0.0, (61.0, 47.0), 8)
+    things = tuple(an_object(40.0, 90.0, 1500) for _ in range(3))
+    motion = Motion(things, labels, np.ones(labels.shape), 0, 0.5, 0.0, (61.0, 47.0), 8)
     assert (_narrowest(motion, "rows"), _narrowest(motion, "columns")) == along
 
 
