@@ -407,7 +407,7 @@ def _note_whole(scene: "Scene") -> None:
     """Notes that one speed restores one of the things that a scene has before its background."""
     if scene.occlusion is not None:
         note(
-            "warning: all of the frames is restored at one speed, and what moves at another is not: "
+            "warning: all of the frames is restored at one speed, what moves at another is not; "
             "things are found before a background at rest, as --objects takes it to be"
         )
 
