@@ -542,7 +542,13 @@ def test_frames_on_a_pan_lose_by_borders_as_others_do():
 
 
 @pytest.mark.parametrize(
-    ("speeds", "words"), [([0.0, 900.0, 3000.0], "1,500"), ([-2000.0, 0.0], "-1,000"), ([0.0], "")]
+    ("speeds", "words"),
+    [
+        ([0.0, 900.0, 3000.0], "1,500"),
+        ([-2000.0, 0.0], "-1,000"),
+        ([15e3, 30001.0], "22,500"),
+        ([0.0], ""),
+    ],
 )
 def test_things_that_rest_do_not_move_the_other_way(speeds, words, monkeypatch):
     """Among things at rest and others of one way, half of the fastest is followed."""
