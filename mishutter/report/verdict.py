@@ -439,7 +439,7 @@ def _assumptions(scene: Scene, choice: Row) -> str:
             decoder = "speeds are told"
         if choice.name == PLAIN_STILLS:
             decoder = f"a camera that takes {PLAIN_RATE:.0f} frames/s; {decoder}"
-    elif not choice.decoder.knows_speed:
+    elif not choice.decoder.knows_speed or choice.hides_speed:
         decoder = "one filter restores all speeds"
     else:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"

@@ -683,6 +683,7 @@ def test_a_speed_that_nothing_tells_is_said():
         found = replace(rows[1].metrics, expected_psnr=unknown, known_speed_psnr=known)
         said = with_verdict([rows[0], replace(rows[1], metrics=found)], {}, SCENE).verdict
         assert (words in said) == is_said
+        assert ("; the decoder finds the speed" in " ".join(said.split())) != is_said
 
 
 @pytest.mark.parametrize("given", ["optimised", BEST_CODED_STILL])
