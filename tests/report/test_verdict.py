@@ -400,7 +400,6 @@ def test_an_answer_says_what_it_assumes():
     for decoder, words in (
         ("unknown", "one filter restores all speeds"),
         ("known", "the decoder knows the speed"),
-        ("found", "the decoder finds the speed"),
     ):
         said = answer({BEST_SNAPSHOT: 22.0, "rect": 24.5}, decoder=decoder).verdict
         assert f"; {words}; a stage with a stroke of" in said.replace("\n", " ")
