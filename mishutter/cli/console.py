@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 AGAIN = "no result was saved; the same command starts again, with what it has compiled so far"
 """Message of an interrupt of work that saves nothing before its end."""
-_OF_PYTHON = re.compile(r"`[A-Za-z_.]+\((\w+)=\.\.\.\)`")
+_OF_PYTHON = re.compile(r"`([A-Za-z_.]+)\((\w+)=\.\.\.\)`")
 """An argument of a function as errors name it."""
 _OF_COMMANDS = {"path": "the path", "capture": "the capture", "captures": "the captures"}
 """Words for arguments that commands have by other names than functions."""
@@ -55,7 +56,20 @@ def error_line(
     line = _line_of(error, arguments)
     # Whoever types commands knows no names of functions.
     words = _OF_COMMANDS | {name: f"`{option}`" for name, option in (options or {}).items()}
-    return line and _OF_PYTHON.sub(lambda each: words.get(each[1], f"`{each[1]}`"), line)
+
+    def known(each: re.Match[str]) -> str:
+        kind, name = each.groups()
+        return words.get(name, f"`{_scene_keys().get((kind, name), name)}`")
+
+    return line and _OF_PYTHON.sub(known, line)
+
+
+@cache
+def _scene_keys() -> dict[tuple[str, str], str]:
+    """Keys of scene files by the arguments for which they stand, of those with the same unit."""
+    from mishutter.model.scene_file import key_of_arguments
+
+    return key_of_arguments()
 
 
 def _line_of(error: BaseException, arguments: Sequence[str]) -> str | None:

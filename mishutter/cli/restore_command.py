@@ -195,6 +195,8 @@ def restore(
     labels_told = None if outlines is None else read_labels(outlines)
     is_by_object = (objects or len(each) > 1 or labels_told is not None) or None
     shown = burst is not None and shows_objects(camera.scene, burst.frames, is_by_object)
+    if burst is not None and not shown:
+        _note_whole(camera.scene)
     speed = None if not each else each if shown else each[0]
     paths = itertools.chain(*map(_files_of, captures))
     read = (read_captures(path, black=black, white=white, linear=linear) for path in paths)
@@ -398,6 +400,15 @@ def _note_shutter(scene: "Scene", found: "Estimate") -> None:
         note(
             f"assumes a global shutter: each 10 us from row to row would change the {what} by "
             f"{off:.2g} px/s; `[sensor] readout_ms` tells it"
+        )
+
+
+def _note_whole(scene: "Scene") -> None:
+    """Notes that one speed restores one of the things that a scene has before its background."""
+    if scene.occlusion is not None:
+        note(
+            "warning: all of the frames is restored at one speed, what moves at another is not; "
+            "things are found before a background at rest, as --objects takes it to be"
         )
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from mishutter.decoding.decoders.speed import LITTLE
 from mishutter.decoding.likeliest import Fit
-from mishutter.model.sensor import Sensor
+from mishutter.model.sensor import RowsRead, Sensor
 
 TRIED_BEYOND = 0.03
 """Share of the range of the scene's speeds that is tried beyond either end."""
@@ -85,33 +85,37 @@ def doubt_of_rows(
     counts: dict[int, int],
     misfit_by: Callable[[Sensor, int], float],
 ) -> str:
-    """The doubt of frames that rows which are exposed in turn explain better.
+    """The doubt of frames that rows which are exposed otherwise in turn explain better.
 
     Counts are those of pixels, by how many along a side are binned. Readouts are tried on the
-    largest, longer ones unless a shorter one adds a quarter to what is above 1. The best is judged
-    there and on the finer ones, whose detail counts as noise in larger: where there is a misfit it
-    leads in likelihood, by an eighth of what is above 1 at least. Noise of bright points in the
-    dark is there too, whatever the readout.
+    largest: of a global shutter longer ones, unless a shorter one adds a quarter to what is above
+    1, and of a rolling one half, twice, reversed and none of its own. The best is judged there and
+    on the finer ones, whose detail counts as noise in larger: where there is a misfit it leads in
+    likelihood, by an eighth of what is above 1 at least. Noise of bright points in the dark is
+    there too, whatever the readout.
     """
-    coarse = max(counts)
-    misfit = misfit_by(sensor, coarse)
+    coarse, own = max(counts), sensor.readout_time
+    misfit, shares = misfit_by(sensor, coarse), (0.25 * exposure, 0.5 * exposure, exposure)
     least, best = math.inf, sensor
-    for share in (0.25, 0.5, 1.0):
-        tried = [replace(sensor, readout=share * exposure, rows_read=way) for way in ("down", "up")]
+    for readout in (0.0, own / 2, own, 2 * own) if own else shares:
+        ways: tuple[RowsRead, ...] = ("down", "up") if readout else (sensor.rows_read,)
+        tried = [replace(sensor, readout=readout, rows_read=way) for way in ways]
         misfits = [misfit_by(each, coarse) for each in tried]
         if min(misfits) < least:
             least, best = min(misfits), tried[int(np.argmin(misfits))]
-        if min(misfits) - misfit > 0.25 * (misfit - 1):
+        if not own and min(misfits) - misfit > 0.25 * (misfit - 1):
             break
     for size in sorted(counts, reverse=True):
         if size != coarse:
             misfit, least = misfit_by(sensor, size), misfit_by(best, size)
         enough = max(2 * _LEAD * misfit / counts[size], 0.125 * (misfit - 1))
         if misfit >= ROLLS_ABOVE and misfit - least > enough:
+            fits = f"fits the frames better (misfit {least:.3g}, not {misfit:.3g})"
+            if not best.is_rolling:
+                return f"A global shutter {fits}: the scene has a readout."
             return (
                 f"A rolling shutter of about {best.readout_time * 1e3:.2g} ms from the first row "
-                f"to the last, read {best.rows_read}, fits the frames better (misfit {least:.3g}, "
-                f"not {misfit:.3g}): give the scene its readout."
+                f"to the last, read {best.rows_read}, {fits}: give the scene its readout."
             )
     return ""
 

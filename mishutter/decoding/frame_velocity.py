@@ -219,7 +219,7 @@ class _Burst(NamedTuple):
         words = (_TOLD if evidence.is_only else _FOUND)[own.num_axes - 1]
         doubt = evidence.doubt(error * own.duration, words)
         stays = isinstance(own.taken, PlaneFrames) and own.taken.stays
-        if doubt or own.times.is_rolling or stays or len(own.frames) == 1:
+        if doubt or stays or len(own.frames) == 1:
             return doubt
         if max(evidence.compared.misfit, evidence.fit.misfit) < ROLLS_ABOVE:
             return ""

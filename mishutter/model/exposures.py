@@ -15,6 +15,7 @@ from mishutter._core.checks import (
     Numbers,
     Unquoted,
     all_concrete,
+    in_digits,
     require,
     require_known,
     three_digits,
@@ -295,7 +296,7 @@ class Exposures:
     @property
     def turning(self) -> str:
         """The camera's turning in words; empty where it does not turn."""
-        speeds = ", ".join(f"{speed:,.4g}" for speed in self._turning)
+        speeds = ", ".join(in_digits(speed, 4) for speed in self._turning)
         return f"the camera turns at {speeds} px/s" if np.any(self._turning) else ""
 
     @property

@@ -29,11 +29,13 @@ from mishutter.model.optics import Optics
 from mishutter.model.scene_schema import (
     AnyDirection,
     BurstSection,
+    ErrorsSection,
     LimitsSection,
     MotionSection,
     Normal,
     ObjectsSection,
     OcclusionSection,
+    OpticsSection,
     PictureSection,
     SceneFile,
     SensorSection,
@@ -47,6 +49,7 @@ from mishutter.model.scene_units import (
     SPEED_UNITS,
     View,
     arguments_in,
+    keys_of,
     photon_rate,
     read_noise_in,
     speed_of,
@@ -189,6 +192,25 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
         "errors": _of_kind(MeasurementErrors, file.errors, "[errors]", view),
         "decoder_speed": file.decoder.speed,
         "motion": _motion(file.motion, file.limits, limits, view),
+    }
+
+
+def key_of_arguments() -> dict[tuple[str, str], str]:
+    """Keys as `[section] key` by the class and argument for which they stand, in the same unit."""
+    kinds: dict[str, tuple[type[Section], type]] = {
+        "limits": (LimitsSection, Limits),
+        "sensor": (SensorSection, Sensor),
+        "burst": (BurstSection, BurstMode),
+        "optics": (OpticsSection, Optics),
+        "occlusion": (OcclusionSection, Occlusion),
+        "objects": (ObjectsSection, Objects),
+        "tolerances": (TolerancesSection, Tolerances),
+        "errors": (ErrorsSection, MeasurementErrors),
+    }
+    return {
+        (kind.__name__, name): f"[{place}] {key}"
+        for place, (section, kind) in kinds.items()
+        for name, key in keys_of(section, kind).items()
     }
 
 

@@ -405,6 +405,15 @@ def _quantities(section: type[Section], kind: type) -> dict[str, tuple[str, ...]
     return units
 
 
+def keys_of(section: type[Section], kind: type) -> dict[str, str]:
+    """Keys of a section by the arguments of a class that they hold in its unit."""
+    return {
+        _OTHER_NAMES.get(name, name): _key(name, units[0])
+        for name, units in _quantities(section, kind).items()
+        if units[0] not in _DIVISORS and name != _PITCH
+    }
+
+
 def _key(name: str, unit: str) -> str:
     return f"{name}_{unit}" if unit else name
 

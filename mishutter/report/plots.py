@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import require, three_digits
+from mishutter._core.checks import in_digits, require, three_digits
 from mishutter._core.files import write_bytes
 from mishutter.decoding.photographs import RestoredPhotograph
 from mishutter.design.design import Design
@@ -568,7 +568,7 @@ def plot_photograph(
             restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = "\n".join(titles[name])
-            title += f",\ncaptured at {result.speeds[index]:,.4g} px/s"
+            title += f",\ncaptured at {in_digits(float(result.speeds[index]), 4)} px/s"
             show_picture(panels[0], result.brightened(index)[own], title)
             # A speed that is not trusted is not used: all likely ones are restored for.
             of = ", speed in doubt" if result.doubts[index] else (asides or {}).get(name, aside)

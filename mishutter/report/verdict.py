@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core.checks import three_digits
+from mishutter._core.checks import in_digits, three_digits
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
 from mishutter.evaluation.losses import AbstractLoss
@@ -291,7 +291,7 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
         of_stills = with_losses(on_it, stills).level_of(at_worst=choice.at_worst)
         if of_stills > level:
             taken, level = stills, of_stills
-    return _following(f"{velocity:,.4g}", taken, level, choice)
+    return _following(in_digits(velocity, 4), taken, level, choice)
 
 
 def on_pan_in_plane(scene: Scene, choice: Row) -> str:
@@ -303,7 +303,7 @@ def on_pan_in_plane(scene: Scene, choice: Row) -> str:
     if _moves(scene.limits) or not is_one_way:
         return ""
     burst = stills_on_pan(scene)
-    return _following(f"({x:,.4g}, {y:,.4g})", burst, burst.level, choice)
+    return _following(f"({in_digits(x, 4)}, {in_digits(y, 4)})", burst, burst.level, choice)
 
 
 def _moves(limits: Limits) -> bool:
@@ -439,7 +439,7 @@ def _assumptions(scene: Scene, choice: Row) -> str:
             decoder = "speeds are told"
         if choice.name == PLAIN_STILLS:
             decoder = f"a camera that takes {PLAIN_RATE:.0f} frames/s; {decoder}"
-    elif not choice.decoder.knows_speed:
+    elif not choice.decoder.knows_speed or choice.hides_speed:
         decoder = "one filter restores all speeds"
     else:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"

@@ -101,10 +101,16 @@ def best_in_plane(
     require_scene(scene, in_plane=True)
     require_known("best_in_plane", scene=scene)
     require_velocities(scene)
+    _require_no_jerk(scene)
+    return _PlaneSearch.of(scene).found(progress)
+
+
+def _require_no_jerk(scene: Scene) -> None:
+    """Refuses a limit on the jerk, which ways in the plane do not keep."""
     jerk = scene.limits.max_jerk
     requirement = "be left out in the plane, where ways are of pieces of constant acceleration"
-    require(jerk is None, "Limits(max_jerk=...)", requirement, jerk)
-    return _PlaneSearch.of(scene).found(progress)
+    got = Unquoted("" if jerk is None else f"{float(jerk):.6g}")
+    require(jerk is None, "Limits(max_jerk=...)", requirement, got)
 
 
 def stills_on_pan(scene: Scene) -> Exposures:
@@ -356,6 +362,7 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
 
 def search_words(scene: Scene) -> str:
     """The computations of a search in the plane, in words."""
+    _require_no_jerk(scene)
     radii, angles, speeds, corner = SEARCHED
     finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
     tried, free = [STILLS, BRACKETED], ""

@@ -234,7 +234,7 @@ def _unaccelerated(scene: Scene) -> AbstractMotion:
     without a pan would be a camera at rest, which stays at rest.
     """
     velocity = scene.fullest_motion.velocity
-    if float(velocity) == 0 and not mirrors(scene, 0.0):
+    if float(velocity) == 0 and scene.limits.may_pan and not mirrors(scene, 0.0):
         velocity = np.asarray(0.01 * float(min(scene.max_speed, scene.limits.max_pan)))
     return LinearMotion(half_exposure=_middle_exposure(scene), velocity=velocity)
 
@@ -244,7 +244,7 @@ def snapshots(search: RivalSearch) -> list[Row]:
     scene = search.scene
     at_rest = search.best(_camera_at_rest(scene), RectShutter())
     designs = {BEST_SNAPSHOT: at_rest}
-    if float(scene.limits.max_pan) > 0:
+    if scene.limits.may_pan:
         pan = _unaccelerated(scene)
         # Where the speeds lie evenly about 0, no pan is better than none.
         is_still = float(pan.velocity) == 0

@@ -17,6 +17,7 @@ import pytest
 from mishutter.cli.console import (
     doubts_as_notes,
     ends_when_asked,
+    error_line,
     print_table,
     take_any_text,
     write_error,
@@ -36,6 +37,24 @@ class Terminal(io.StringIO):
 
     def isatty(self):
         return True
+
+
+@pytest.mark.parametrize(
+    ("argument", "shown"),
+    [
+        ("Limits(max_jerk=...)", "[limits] max_jerk_px_per_s3"),
+        ("Sensor(full_well=...)", "[sensor] full_well_e"),
+        ("Optics(cutoff_frequency=...)", "[optics] cutoff_cycles_per_px"),
+        ("BurstMode(max_frames=...)", "[burst] max_frames"),
+        # A key in ms would stand beside a number in s.
+        ("BurstMode(window=...)", "window"),
+        ("stage_path(max_jerk=...)", "max_jerk"),
+    ],
+)
+def test_a_number_of_a_scene_is_named_by_its_key(argument, shown):
+    """What a search refuses long after the file was read is still found in the file."""
+    line = error_line(ValueError(f"`{argument}` must be at most 2; got 3."))
+    assert line == f"`{shown}` must be at most 2; got 3"
 
 
 @pytest.mark.parametrize("width", [20, 44, 60, 80, 132])

@@ -121,3 +121,18 @@ def test_one_exposure_has_no_objects(tmp_path, monkeypatch, capsys):
     ms.write_layers(tmp_path, layers())
     told = ["restore", "layer_0.png", "--design", "design.json", "--objects"]
     assert "one exposure" in refused(capsys, *told)
+
+
+def test_frames_before_a_background_that_moves_are_warned_of(tmp_path, monkeypatch, capsys):
+    """They are restored at one speed, at which what moves at another is a double picture."""
+    monkeypatch.chdir(tmp_path)
+    own = design(FRAMES[1::2])
+    moving = ms.Occlusion(front_share=0.2, object_width=50.0, background="moving")
+    replace(own, scene=own.scene.with_occlusion(moving)).save(tmp_path / "design.json")
+    for name in ("frame_1.png", "frame_2.png"):
+        ms.write_picture(name, texture(np.random.default_rng(7), 32))
+    told = ["frame_1.png", "frame_2.png", "--design", "design.json", "--speed", "0"]
+    assert cli.main(["restore", *told]) == 0
+    err = capsys.readouterr().err
+    assert "warning: all of the frames is restored at one speed" in err
+    assert "as --objects takes it to be" in err

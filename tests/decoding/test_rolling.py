@@ -211,6 +211,24 @@ def test_a_doubt_says_which_readout_fits():
         )
 
 
+@pytest.mark.parametrize(
+    ("readout", "said", "rows_read", "fits"),
+    [
+        (0.005, 0.01, "down", "about 5 ms from the first row to the last, read down"),
+        (0.01, 0.005, "down", "about 10 ms from the first row to the last, read down"),
+        (0.005, 0.005, "up", "about 5 ms from the first row to the last, read down"),
+        (0.0, 0.005, "down", "A global shutter fits the frames better"),
+    ],
+)
+def test_a_wrong_readout_is_in_doubt(readout, said, rows_read, fits):
+    """Twice or half as long, of rows that are read the other way, or of a global shutter."""
+    captures, _ = gaussian_captures(readout, rows=24)
+    scene = replace(SCENE, sensor=Sensor(readout=said, rows_read=rows_read))
+    estimate = restore_frames(captures, scene, alternating(), speed=SPEED).estimate
+    assert not estimate.trusted
+    assert fits in estimate.doubt
+
+
 def test_a_long_readout_is_not_missed_by_a_short_one():
     """Which explains too little by itself; and none is named that explains little in the end."""
     misfits = {5: 2.6, 10: 2.1, 20: 1.0}

@@ -461,8 +461,9 @@ def test_a_camera_that_nothing_moves_is_told_of_a_pan():
 
 def test_a_jerk_that_is_limited_is_refused():
     """Ways in the plane have pieces of constant acceleration."""
-    with pytest.raises(ValueError, match=r"Limits\(max_jerk=...\)` must be left out in the plane"):
-        best_in_plane(a_scene(Limits(max_half_exposure=0.01, max_jerk=1e9)))
+    for of_scene in (best_in_plane, search_words):
+        with pytest.raises(ValueError, match=r"Limits\(max_jerk=...\)` must be left out in the pl"):
+            of_scene(a_scene(Limits(max_half_exposure=0.01, max_jerk=1e9)))
 
 
 def test_a_velocity_that_nothing_tells_is_refused():
