@@ -299,7 +299,12 @@ def shown(value: object) -> str:
 
 def three_digits(value: float) -> str:
     """A number in words, without an exponent: 1,330."""
-    return f"{float(f'{value:.3g}'):,.15g}"
+    return in_digits(value, 3)
+
+
+def in_digits(value: float, count: int) -> str:
+    """A number of so many digits in words, without an exponent."""
+    return f"{float(f'{value:.{count}g}'):,.15g}"
 
 
 def own_message(error: BaseException) -> str:

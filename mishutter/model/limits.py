@@ -241,6 +241,12 @@ class Limits(AbstractModule):
         return float(self.max_stroke) > LEAST_STROKE * (1 + 1e-6)
 
     @property
+    def may_pan(self) -> bool:
+        """Whether the sensor may pan: on a stage, or with a camera that turns."""
+        carries = self.pans == "camera" or not is_concrete(self.max_stroke) or self.moves
+        return carries and not is_known_zero(self.max_pan)
+
+    @property
     def has_stage(self) -> bool:
         """Whether travel, acceleration or jerk of the stage is limited."""
         return any(getattr(self, name) is not None for name in _OF_STAGE)
@@ -505,6 +511,7 @@ class Limits(AbstractModule):
         furthest = space.minimum(pan, top / 2)
         if self.pans == "stage":  # half of the stroke, over the shortest exposure, is left
             furthest = space.minimum(furthest, stroke / (4 * shortest))
+        furthest = furthest if self.may_pan else 0 * furthest
         velocity = space.clip(velocity, -furthest, furthest).astype(top.dtype)
         speed_gain = top - space.abs(velocity)
         T = space.clip(2 * stroke / speed_gain, shortest, longest)

@@ -18,6 +18,7 @@ from mishutter._core.checks import (
     all_concrete,
     as_float,
     as_numpy,
+    in_digits,
     is_concrete,
     namespace_of,
     require,
@@ -257,12 +258,13 @@ class EvenVelocities(AbstractVelocities):
     def words(self) -> str:
         along, across = float(self.along), float(self.across)
         x, y = self.centre
-        about = "" if self._is_centred else f" about ({x:,.5g}, {y:,.5g}) px/s"
+        about = "" if self._is_centred else f" about ({in_digits(x, 5)}, {in_digits(y, 5)}) px/s"
+        furthest, least = in_digits(along, 5), in_digits(across, 5)
         if self._is_disc:
-            return f"up to {along:,.5g} px/s in any direction{about}"
+            return f"up to {furthest} px/s in any direction{about}"
         degrees = math.degrees(float(self.angle))
         turned = f" at {degrees:.3g} degrees" if degrees else ""
-        return f"up to {along:,.5g} px/s along and {across:,.5g} px/s across an axis{turned}{about}"
+        return f"up to {furthest} px/s along and {least} px/s across an axis{turned}{about}"
 
     @property
     def table(self) -> dict[str, object]:
@@ -331,7 +333,7 @@ class RingOfVelocities(AbstractVelocities):
 
     @property
     def words(self) -> str:
-        return f"{float(self.speed):,.5g} px/s in any direction"
+        return f"{in_digits(float(self.speed), 5)} px/s in any direction"
 
     @property
     def table(self) -> dict[str, object]:
@@ -428,7 +430,7 @@ class ListedVelocities(AbstractVelocities):
 
     @property
     def words(self) -> str:
-        return f"{self.velocities.shape[0]} velocities of up to {self.fastest:,.5g} px/s"
+        return f"{self.velocities.shape[0]} velocities of up to {in_digits(self.fastest, 5)} px/s"
 
     @property
     def table(self) -> dict[str, object]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import require, three_digits
+from mishutter._core.checks import in_digits, require, three_digits
 from mishutter._core.files import write_bytes
 from mishutter.decoding.photographs import RestoredPhotograph
 from mishutter.design.design import Design
@@ -28,7 +28,7 @@ from mishutter.hardware.triggers import FrameTable, frame_table
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.devices import command_of
 from mishutter.model.exposures import Exposures
-from mishutter.model.frame_path import FramePath, Lights
+from mishutter.model.frame_path import AT_REST, FramePath, Lights
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, picture_power
 from mishutter.model.shutters.base import AbstractShutter
@@ -51,8 +51,6 @@ _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3
 _NUM_POINTS = 1001
 _CELL, _TITLE = 1.6, 0.4
 """Width of a magnified detail, and height of its title; inches."""
-_AT_REST = 0.05
-"""Travel below which a stage is drawn at rest; px."""
 _EAR = 0.02
 """Least rise of transmittance towards an end of the exposure that is an ear."""
 LINE = 0.21
@@ -321,7 +319,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     Behind a shaped shutter a second panel has the transmittance. In the plane the path and its
     velocities have panels of their own, if the stage moves.
     """
-    exposures, is_still = row.exposures, row.stroke < _AT_REST
+    exposures, is_still = row.exposures, row.stroke < AT_REST
     if exposures.in_plane and not is_still:
         return _plot_plane(scene, exposures, title)
     paths = {} if is_still else exposures.stage_paths(scene)
@@ -344,7 +342,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     part = "stage" if scene.limits.moves else "sensor"
     axes.lines[0].set_label(f"{part}{travel}")
     axes.set_ylabel(f"{part} position / px")
-    if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
+    if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < AT_REST:
         axes.set_ylim(-1, 1)
     legend_above(axes)
     return _titled(figure, title, num_rows=1 + is_shaped)
@@ -570,7 +568,7 @@ def plot_photograph(
             restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = "\n".join(titles[name])
-            title += f",\ncaptured at {result.speeds[index]:,.4g} px/s"
+            title += f",\ncaptured at {in_digits(float(result.speeds[index]), 4)} px/s"
             show_picture(panels[0], result.brightened(index)[own], title)
             # A speed that is not trusted is not used: all likely ones are restored for.
             of = ", speed in doubt" if result.doubts[index] else (asides or {}).get(name, aside)

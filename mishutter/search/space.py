@@ -458,7 +458,7 @@ def all_that_can_move(
     Without a shutter the profile is of free form.
     """
     fixed = set(motion.fixed.names)
-    if is_known_zero(scene.limits.max_pan):
+    if not scene.limits.may_pan:
         fixed.add("velocity")
     if shutter is not None and not is_adjustable(shutter):
         fixed.add("shutter")

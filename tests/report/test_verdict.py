@@ -400,7 +400,6 @@ def test_an_answer_says_what_it_assumes():
     for decoder, words in (
         ("unknown", "one filter restores all speeds"),
         ("known", "the decoder knows the speed"),
-        ("found", "the decoder finds the speed"),
     ):
         said = answer({BEST_SNAPSHOT: 22.0, "rect": 24.5}, decoder=decoder).verdict
         assert f"; {words}; a stage with a stroke of" in said.replace("\n", " ")
@@ -542,7 +541,13 @@ def test_frames_on_a_pan_lose_by_borders_as_others_do():
 
 
 @pytest.mark.parametrize(
-    ("speeds", "words"), [([0.0, 900.0, 3000.0], "1,500"), ([-2000.0, 0.0], "-1,000"), ([0.0], "")]
+    ("speeds", "words"),
+    [
+        ([0.0, 900.0, 3000.0], "1,500"),
+        ([-2000.0, 0.0], "-1,000"),
+        ([15e3, 30001.0], "22,500"),
+        ([0.0], ""),
+    ],
 )
 def test_things_that_rest_do_not_move_the_other_way(speeds, words, monkeypatch):
     """Among things at rest and others of one way, half of the fastest is followed."""
@@ -677,6 +682,7 @@ def test_a_speed_that_nothing_tells_is_said():
         found = replace(rows[1].metrics, expected_psnr=unknown, known_speed_psnr=known)
         said = with_verdict([rows[0], replace(rows[1], metrics=found)], {}, SCENE).verdict
         assert (words in said) == is_said
+        assert ("; the decoder finds the speed" in " ".join(said.split())) != is_said
 
 
 @pytest.mark.parametrize("given", ["optimised", BEST_CODED_STILL])

@@ -3,6 +3,7 @@
 import inspect
 import re
 import sys
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -18,6 +19,7 @@ from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
     HannShutter,
+    Limits,
     LinearMotion,
     NonFiniteLossError,
     Outcome,
@@ -272,6 +274,16 @@ def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
 def test_all_that_can_move(motion, shutter, names):
     """By default a fixed window is held, and a camera at rest stays there."""
     assert all_that_can_move(SCENE, motion, shutter) == names
+
+
+@pytest.mark.parametrize(("pans", "velocity"), [("stage", 0.0), ("camera", 900.0)])
+def test_nothing_pans_without_a_stage(pans, velocity):
+    """A stroke of 0 is none, not one of a thousandth of a pixel, unless the camera turns."""
+    limits = Limits(max_stroke=0.0, max_top_speed=5e3, max_half_exposure=0.01, pans=pans)
+    assert float(limits.fullest_motion(900.0).velocity) == velocity
+    motion = LinearMotion(half_exposure=1e-3, velocity=9.0)
+    names = all_that_can_move(replace(SCENE, limits=limits), motion, RectShutter())
+    assert ("velocity" in names) == (velocity > 0)
 
 
 @pytest.mark.parametrize("at_rest", [StillCamera, partial(ParabolicMotion, acceleration=0.0)])
