@@ -68,7 +68,7 @@ def kinds() -> dict[str, list[ms.TimedFrame]]:
 
 def told(each: Layered, scene: ms.Scene, taken: np.ndarray, frames: list) -> np.ndarray:
     """The picture by known velocities and outlines."""
-    frames_of, _ = stills_of(taken[None], scene, frames, Readout.of(GLOBAL))
+    frames_of, _ = stills_of(taken[None], scene, frames, Readout.of(GLOBAL, "rows"))
     known, decoder, things = knowledge_of(scene, frames_of, in_plane=False), EnsembleDecoder(), []
     for layer in each.layers.layers[1:]:
         matte, velocity = np.zeros(taken.shape[1:], np.float32), -layer.velocity[::-1]

@@ -39,7 +39,7 @@ def measured(seed: int, order: tuple[int, ...]) -> dict:
     scene = each.wide(FASTEST)
     key = jax.random.key(seed)
     taken = np.asarray(ms.simulate_frames(each.layers, scene, frames, key=key))[..., 0]
-    grey, _ = stills_of(taken[None], scene, frames, Readout.of(GLOBAL))
+    grey, _ = stills_of(taken[None], scene, frames, Readout.of(GLOBAL, "rows"))
     found = found_in(grey, known=knowledge_of(scene, grey, in_plane=False)).things
     off, stated = [], []
     for speed in each.speeds:

@@ -132,21 +132,21 @@ def export(
             note(f"not in the file: {_BY_CONTENT[form]} ({numbers})")
         _note_what_to_set(table, form)
     else:
-        told = {"--levels": num_levels is None, "--floor": floor == 0, "--ceiling": ceiling == 1}
-        table = _frames(saved, told, num_steps, form)
+        unset = {"--levels": num_levels is None, "--floor": floor == 0, "--ceiling": ceiling == 1}
+        table = _frames(saved, unset, num_steps, form)
         files = [] if folder is None else _write(table, folder, form, returns=returns)
     _note_motion_at_ends(table, form)
     _deliver(table, files, folder, form, as_json=json)
 
 
 def _frames(
-    design: "Design", told: Mapping[str, bool], num_steps: int | None, form: FormatName
+    design: "Design", unset: Mapping[str, bool], num_steps: int | None, form: FormatName
 ) -> "FrameTable":
     """The triggers of a burst, for which some options must have their defaults."""
     from mishutter.hardware.drive_files import WITH_POSITIONS
     from mishutter.hardware.triggers import frame_table
 
-    for name, is_default in told.items():
+    for name, is_default in unset.items():
         requirement = "be left out for a burst, whose shutter is open or closed"
         require(is_default, name, requirement, Unquoted("an option"))
     table = frame_table(design, num_steps=num_steps)
@@ -186,7 +186,7 @@ def _deliver(
             note(
                 f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {which} the "
                 "next one follows at once: a camera that exposes while its trigger is high has "
-                f"{table.gated_psnr:.2f} dB in place of {table.sequence.psnr:.2f}; frames.csv has "
+                f"{table.gated_psnr:.2f} dB in place of {table.exposures.psnr:.2f}; frames.csv has "
                 "the exact times, for a camera that times its exposures itself"
             )
     with working("measuring the shutter as driven"):
@@ -236,7 +236,7 @@ def _note_ends(table: "DriveTable | FrameTable", *, returns: bool) -> None:
 
 
 def _write(
-    table: "DriveTable | FrameTable", folder: Path, form: FormatName, *, returns: bool = False
+    table: "DriveTable | FrameTable", folder: Path, form: FormatName, *, returns: bool
 ) -> list[str]:
     """Writes a table, its triggers, its picture and the path of its stage; returns their names."""
     from mishutter.hardware.drive_files import DRIVE_FORMATS
@@ -274,7 +274,7 @@ def _write(
 
 def _print_frames(table: "FrameTable") -> None:
     """Prints when frames are exposed, and where the sensor or its stage is then."""
-    taken = table.sequence
+    taken = table.exposures
     # A tenth of the shortest exposure is shown.
     decimals = max(2, 1 - math.floor(math.log10(1e3 * min(taken.exposures))))
     rows = [

@@ -47,9 +47,10 @@ def restored_in_plane(
     taken: PlaneFrames,
     decode: Decode,
     velocity: Float[np.ndarray, "2"],
+    *,
+    times: RowTimes,
 ) -> Float[np.ndarray, "rows columns colours"]:
     """The picture at a velocity."""
-    times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
     means = np.stack([np.mean(plane) for plane in planes])
     deviations = (planes - means[:, None, None, None]).astype(np.float32)
     every = _likeliest(deviations, scene, taken, velocity, times)[1]

@@ -163,9 +163,9 @@ class _Burst(NamedTuple):
         """That of the frames of a scene."""
         shares = luminance_shares(len(planes))
         grey, num_rows = np.tensordot(shares, planes, 1), planes.shape[2]
-        some, law, prior = np.arange(num_rows), None, Prior(scene)
-        exposures = exposures_of(taken)
-        if isinstance(taken, PlaneFrames):
+        some, prior, exposures = np.arange(num_rows), Prior(scene), exposures_of(taken)
+        in_plane = isinstance(taken, PlaneFrames)
+        if in_plane:
             law = require_velocities(scene)
             own = grey - np.mean(grey)
             # These stand for all velocities in a mean.
@@ -177,9 +177,9 @@ class _Burst(NamedTuple):
             own = grey - np.mean(grey, axis=(0, 2), keepdims=True)
             few = np.linspace(law.low, law.high, 17)[:, None]
         noises = noises_of(scene, exposures, float(np.mean(grey)), float(shares @ shares))
-        dtype = np.float32 if few.shape[1] == 2 else np.float64
+        dtype = np.float32 if in_plane else np.float64
         # Gains and black levels that change from frame to frame tell no speed.
-        frames = Own(own.astype(dtype), noises, taken, prior, times.of_rows(some), few.shape[1] > 1)
+        frames = Own(own.astype(dtype), noises, taken, prior, times.of_rows(some), in_plane)
         return _Burst(grey, frames.with_own_detail(few), law, some, planes.shape[2:])
 
     @property
@@ -340,7 +340,7 @@ def _found(burst: _Burst) -> VelocityEstimate:
             for velocity, value, fit in zip(apart[1:], values[1:], fits[1:count], strict=True)
         ],
         lead=top,
-        middle=search.middle,
+        middle=search.below_top,
         is_within=bool(law.within(best[None], TRIED_BEYOND * law.fastest)[0]),
     )
     spread, floor = evidence.fit.spread, (FLOOR / own.duration) ** 2
@@ -417,7 +417,7 @@ class _Search(NamedTuple):
 
     level: Level  # Pixels by which they are judged
     ends: list[Climb]  # Peaks, the highest first
-    middle: float  # Median of the logarithm over all velocities, below its top
+    below_top: float  # Top of the logarithm over all velocities, less its median
     step: float  # Step between neighbouring velocities there; px/s
 
 
@@ -439,7 +439,7 @@ def _searched(own: Own, law: _Speeds | AbstractVelocities) -> _Search:
     velocities = _velocities_to_try(law, step)
     values = _values(own, velocities, size, counts[0])
     whole = np.sum(values, axis=1)
-    middle = float(np.max(whole) - np.median(whole))
+    below_top = float(np.max(whole) - np.median(whole))
     peaks = _peaks(velocities, whole, _REACH * step)
     # Rows of a second object may be too dim to show among all.
     for one in velocities[np.argmax(values, axis=0)]:
@@ -462,7 +462,7 @@ def _searched(own: Own, law: _Speeds | AbstractVelocities) -> _Search:
     # What still climbs is on the way to another.
     still = [end for end in ends if end is best or end.size < _NEAR * step]
     still.sort(key=lambda end: -end.value(level))
-    return _Search(level, still, middle, step)
+    return _Search(level, still, below_top, step)
 
 
 def _beside(ratio: float, num_axes: int) -> Float[np.ndarray, "b axes"]:

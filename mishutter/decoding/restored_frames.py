@@ -168,7 +168,7 @@ def frames_restored(
     light, planes = _planes_of(captures, count, axis)
     decoder = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
     if is_by_object:
-        found = restored_objects(planes, scene, frames, decoder, known, progress=report)
+        found = restored_objects(planes, scene, frames, decoder, known, report=report)
         picture = transposed(found.light, axis)
         result = RestoredFrames(_as_frame(picture, light, axis), None)
         result.objects, result.layers = found.objects, found.layers
@@ -186,11 +186,14 @@ def frames_restored(
         report("finding the speed" if told is None else "judging the speed", 0.0)
         find = velocity_of_frames if in_plane else speed_on_axis
         estimate = find(planes, scene, frames, times, told)
-        is_pair = isinstance(estimate, VelocityEstimate)
-        velocity = estimate.velocity if is_pair else np.array([estimate.speed])
+        if isinstance(estimate, VelocityEstimate):
+            velocity = estimate.velocity
+        else:
+            velocity = np.array([estimate.speed])
     if isinstance(frames, PlaneFrames):
         report("restoring", 0.0)
-        picture = restored_in_plane(planes, scene, frames, method_in_plane(decoder), velocity)
+        decode = method_in_plane(decoder)
+        picture = restored_in_plane(planes, scene, frames, decode, velocity, times=times)
         return RestoredFrames(_as_frame(picture, light, axis), estimate)
     parts = []
     num_rows, beyond = planes.shape[2], decoder.rows_beyond

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import Numbers, namespace_of, require, require_known
-from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
+from mishutter._core.checks import Alike, namespace_of, require, require_known
+from mishutter.evaluation.levels import psnr_of_error
+from mishutter.evaluation.open_frames import OpenFrames
 from mishutter.model.exposures import Exposures, exposures_in_plane
 from mishutter.model.frame_path import FramePath, TimedFrame
 from mishutter.model.motion import StillCamera
@@ -53,14 +54,21 @@ class FrameTimes(NamedTuple):
     @staticmethod
     def of(scene: Scene, burst: BurstMode) -> "FrameTimes":
         """The times of a camera that takes a burst."""
-        period, others = 1 / float(burst.frames_per_s), (float(burst.dead_time), burst.max_frames)
-        return FrameTimes(period, window_of(scene), *_exposures(scene), *others)
+        shortest, longest = _exposures(scene)
+        return FrameTimes(
+            period=1 / float(burst.frames_per_s),
+            window=window_of(scene),
+            shortest=shortest,
+            longest=longest,
+            dead_time=float(burst.dead_time),
+            max_frames=burst.max_frames,
+        )
 
     def period_of(self, exposure: float) -> float:
         """Least time from the end of a frame to that of one of some exposure."""
         return max(self.period, exposure + self.dead_time)
 
-    def least_pauses(self, exposures: Float[Numbers, "n"]) -> Float[Numbers, "n-1"]:
+    def least_pauses(self, exposures: Alike) -> Alike:
         """Least time from the end of each of some frames to the begin of the next."""
         return namespace_of(exposures).maximum(self.dead_time, self.period - exposures[1:])
 

@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from mishutter.evaluation.fans import MEASURED, Fan
 from mishutter.evaluation.levels import Light, components_on, in_parts
-from mishutter.evaluation.levels import psnr_of_error as psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds, sizes
 from mishutter.evaluation.strips import Strips
 from mishutter.model.motion import LinearMotion

@@ -12,7 +12,6 @@ from mishutter.design.design import Design
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import STEPS, AbstractTable, first_lights
 from mishutter.hardware.stage_files import MAX_STEPS
-from mishutter.model.exposures import Exposures
 from mishutter.model.frame_path import Lights
 
 
@@ -37,11 +36,6 @@ class FrameTable(AbstractTable):
 
     num_levels = 2
     """Levels of the shutter: open, and closed between frames."""
-
-    @property
-    def sequence(self) -> Exposures:
-        """The frames, which know their level."""
-        return self.design.sequence  # type: ignore[return-value]
 
     @property
     def gated_lights(self) -> Lights:

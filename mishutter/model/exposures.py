@@ -120,7 +120,16 @@ class Exposures:
     @property
     def level(self) -> float:
         """PSNR on a sensor of the scene's width; dB."""
-        return self.psnr - (self.width_loss or 0.0)
+        return self.level_of()
+
+    def level_of(self, *, at_worst: bool = False) -> float:
+        """PSNR on a sensor of the scene's width, in the mean or at the worst of the speeds; dB.
+
+        Args:
+            at_worst: Whether the worst counts, where it is known.
+        """
+        psnr = self.psnr if self.worst_psnr is None or not at_worst else self.worst_psnr
+        return psnr - (self.width_loss or 0.0)
 
     @property
     def path(self) -> TimedFrames | FramePath:

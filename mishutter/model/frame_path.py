@@ -44,7 +44,7 @@ from mishutter.model.stages import (
 )
 
 AT_REST = 0.05
-"""Travel over an exposure below which its sensor counts as standing still; px."""
+"""Travel below which a sensor counts as standing still; px."""
 Lights = list[tuple[float, float]]
 """First and last light of exposures; s."""
 SINE = "sine"

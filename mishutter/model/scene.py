@@ -84,7 +84,8 @@ class Scene(AbstractModule):
     It assumes that all motion is along one axis of the picture, unless `any_direction` made it;
     that the picture moves as a whole, or its objects are much wider than they move while it is
     taken, unless `occlusion` describes them; that one filter restores all speeds, unless
-    `decoder_speed` or registered frames provide it; and a global shutter.
+    `decoder_speed` or registered frames provide it; and a global shutter, unless the `sensor` has a
+    readout.
 
     Args:
         speeds: Speeds $s_i$ that occur, px/s, either sign; shape `(n,)`.
@@ -94,7 +95,7 @@ class Scene(AbstractModule):
         read_noise: Standard deviation of the read noise $\sigma$; e-.
         picture: Statistics of pictures, and the photograph to show results on.
         optics: What the lens passes, and how it blurs.
-        sensor: Full well, width and axis of the sensor.
+        sensor: Full well, width and axis of the sensor, and the readout of its rows.
         limits: Limits of the stage and of the exposure.
         device: The device that makes the transmittance of every shutter but an open one from its
             command; by default one that follows every command and loses no light.
@@ -385,7 +386,10 @@ class Scene(AbstractModule):
         weights: ArrayLike | None = None,
         power_spectrum: RowLike | None = None,
     ) -> "Scene":
-        """The scene without the parts that no integral sees: photograph, motion, burst and stage.
+        """The scene without the parts that no integral along its axis sees.
+
+        They are the photograph, the width, axis and readout of the sensor, the answer of the stage,
+        the burst, objects, errors, the speed that the decoder knows, and a motion that is given.
 
         Args:
             speeds: Speeds in place of the scene's own, with their `weights`.

@@ -28,7 +28,7 @@ from mishutter.hardware.triggers import FrameTable, frame_table
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.devices import command_of
 from mishutter.model.exposures import Exposures
-from mishutter.model.frame_path import FramePath, Lights
+from mishutter.model.frame_path import AT_REST, FramePath, Lights
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, picture_power
 from mishutter.model.shutters.base import AbstractShutter
@@ -51,8 +51,6 @@ _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3
 _NUM_POINTS = 1001
 _CELL, _TITLE = 1.6, 0.4
 """Width of a magnified detail, and height of its title; inches."""
-_AT_REST = 0.05
-"""Travel below which a stage is drawn at rest; px."""
 _EAR = 0.02
 """Least rise of transmittance towards an end of the exposure that is an ear."""
 LINE = 0.21
@@ -321,7 +319,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     Behind a shaped shutter a second panel has the transmittance. In the plane the path and its
     velocities have panels of their own, if the stage moves.
     """
-    exposures, is_still = row.exposures, row.stroke < _AT_REST
+    exposures, is_still = row.exposures, row.stroke < AT_REST
     if exposures.in_plane and not is_still:
         return _plot_plane(scene, exposures, title)
     paths = {} if is_still else exposures.stage_paths(scene)
@@ -344,7 +342,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     part = "stage" if scene.limits.moves else "sensor"
     axes.lines[0].set_label(f"{part}{travel}")
     axes.set_ylabel(f"{part} position / px")
-    if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
+    if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < AT_REST:
         axes.set_ylim(-1, 1)
     legend_above(axes)
     return _titled(figure, title, num_rows=1 + is_shaped)

@@ -24,7 +24,6 @@ from mishutter.model.scene import Scene, in_sensor_frame, require_velocities
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
 from mishutter.model.texture import EXAMPLE_PICTURE
-from mishutter.search.bursts import level_on_sensor
 from mishutter.search.frame_ties import (
     ALTERNATING,
     CIRCLE,
@@ -235,12 +234,13 @@ def sentences_of(
 ) -> list[str]:
     """The lines below the table of options: the shutter, notes, and what is assumed."""
     rows = list(rows)
-    said = [_on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice)]
     if scene.sensor.is_rolling:
         said = [
             "One exposure behind a shaped shutter, or on a path that accelerates, is left out: "
             "rows that are exposed one after another would each see another part of it."
         ]
+    else:
+        said = [_on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice)]
     if scene.burst is not None and scene.is_found_by_object:
         said.append(_on_objects(scene.occlusion))
     if choice.hides_speed:
@@ -288,14 +288,14 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     if choice.num_frames > 1:
         times = FrameTimes.of(scene, scene.burst or BurstMode(frames_per_s=PLAIN_RATE))
         stills = StillBursts(on_it, at_worst=choice.at_worst).best_sequence(times)
-        of_stills = level_on_sensor(with_losses(on_it, stills), at_worst=choice.at_worst)
+        of_stills = with_losses(on_it, stills).level_of(at_worst=choice.at_worst)
         if of_stills > level:
             taken, level = stills, of_stills
     return _following(in_digits(velocity, 4), taken, level, choice)
 
 
 def on_pan_in_plane(scene: Scene, choice: Row) -> str:
-    """The same where things move in any direction about a mean."""
+    """The same sentence where things move in any direction about a mean."""
     law = require_velocities(scene)
     x, y = law.centre.tolist()
     speed = math.hypot(x, y)
@@ -460,7 +460,7 @@ def _on_borders(scene: Scene, choice: Row) -> list[str]:
 
 
 def detail_words(scene: Scene) -> str:
-    """The assumption on the detail of pictures, of which levels depend most."""
+    """The assumption on the detail of pictures, on which levels depend most."""
     picture = scene.picture
     if picture.path is None and picture.power_spectrum is not None:
         kind = "by the scene's spectrum"
@@ -499,9 +499,9 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
 
 def _camera_words(scene: Scene, choice: Row) -> list[str]:
     """The assumptions on the time for frames, on the stage, and on the sensor."""
-    limits, width, frames = scene.limits, scene.sensor.width, choice.num_frames > 1
+    limits, width, is_burst = scene.limits, scene.sensor.width, choice.num_frames > 1
     window = 1e3 * window_of(scene)
-    said = [f"frames within {window:,.{4 if window < 1e4 else 9}g} ms"] if frames else []
+    said = [f"frames within {window:,.{4 if window < 1e4 else 9}g} ms"] if is_burst else []
     if STAGE in choice.required_hardware:
         room, speed = _room(limits, choice.sequence), float(limits.max_top_speed)
         said.append(f"a stage with {room} and {speed:,g} px/s")

@@ -10,9 +10,10 @@ from mishutter._core.progress import counts
 from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.registration import with_losses
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import AT_REST
 from mishutter.model.scene import Scene, require_scene
 from mishutter.search.moving_frames import best_moving_burst
-from mishutter.search.rows import STANDS_STILL, simplest_of
+from mishutter.search.rows import simplest_of
 
 
 def best_sequence(scene: Scene) -> Exposures | None:
@@ -58,12 +59,6 @@ def shown_bursts(scene: Scene, *, is_shown: bool) -> tuple[Exposures, ...]:
         return best_bursts(scene, progress=lambda share: counter.within(name, share))
 
 
-def level_on_sensor(burst: Exposures, *, at_worst: bool = False) -> float:
-    """PSNR of a burst, less what it loses on a sensor of the scene's width; dB."""
-    level = burst.psnr if burst.worst_psnr is None or not at_worst else burst.worst_psnr
-    return level - (burst.width_loss or 0.0)
-
-
 def choose_burst(
     bursts: tuple[Exposures, ...],
     level: float = -math.inf,
@@ -75,6 +70,6 @@ def choose_burst(
     several = [burst for burst in bursts if burst.num_frames > 1 or not rank]
     options = []
     for burst in several:
-        parts = int(burst.stroke >= STANDS_STILL) + int(np.any(burst.pan))
-        options.append((level_on_sensor(burst, at_worst=at_worst), (parts, parts + 1), burst))
+        parts = int(burst.stroke >= AT_REST) + int(np.any(burst.pan))
+        options.append((burst.level_of(at_worst=at_worst), (parts, parts + 1), burst))
     return simplest_of([*options, (level, rank, None)] if rank else options)

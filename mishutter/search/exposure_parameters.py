@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core.checks import (
+    Alike,
     Numbers,
     RowLike,
     as_float,
@@ -186,7 +187,7 @@ class ExposureParameters(AbstractModule):
             -exposures_psnr(self.scene, self.frames(numbers), num_panels=self.num_panels)
         )
 
-    def _duration(self, lit: Numbers, pauses: Numbers) -> Numbers | np.floating:
+    def _duration(self, lit: Alike, pauses: Alike) -> Numbers | np.floating:
         """Time of all frames, where pauses are beyond the least ones; s."""
         return lit.sum() + (self.camera.least_pauses(lit) + pauses).sum()
 

@@ -191,7 +191,7 @@ class Levels(NamedTuple):
         return (gain * self.signal)[..., None] * power
 
     def errors_at(self, instants: Instants) -> Float[np.ndarray, "m l"]:
-        """The same of frames by their instants, on any path."""
+        """Error that frames leave at each frequency, by their instants on any path; white = 1."""
         gain = np.asarray(self.light.gains(instants.exposure))
         gained = np.tensordot(gain, np.abs(self._waves_at(instants)) ** 2, 1)
         return self.left(self.signal[:, None] * gained)

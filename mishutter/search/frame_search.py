@@ -321,7 +321,7 @@ def one_by_one(levels: Levels, room: Room, shape: Shape, followed: tuple[float, 
     # Neighbours go the same way, so that the stage flies back least.
     chosen.sort(key=lambda k: followed[k])
     exposure = every.exposure[chosen]
-    gap = np.maximum(times.period - exposure[1:], times.dead_time)
+    gap = times.least_pauses(exposure)
     return Frames(exposure, every.velocity[chosen], gap, every.place[chosen], every.pan)
 
 
@@ -391,7 +391,7 @@ def reordered(room: Room) -> Callable[[Frames], list[Frames]]:
         order = list(range(frames.exposure.size))
         order.insert(int(draw.integers(len(order))), order.pop(int(draw.integers(len(order)))))
         exposure, velocity, place = (each[order] for each in frames[:2] + frames[3:4])
-        gap = np.maximum(room.times.period - exposure[1:], room.times.dead_time)
+        gap = room.times.least_pauses(exposure)
         moved = Frames(exposure, velocity, gap, place, frames.pan)
         shares = draw.choice(_SHARES, 2)
         return [shaken(moved, draw, room, *_SHARES[:2]), shaken(frames, draw, room, *shares)]

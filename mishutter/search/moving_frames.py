@@ -1,4 +1,4 @@
-"""The best frames of a sensor that moves along one axis, and their way in words."""
+"""The best frames of a sensor that moves along one axis."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -64,19 +64,22 @@ _STARTS_BY_ROWS = 5
 def best_moving_burst(
     scene: Scene, *, progress: Callable[[float], None] = lambda share: None
 ) -> Exposures | None:
-    """The frames of least error of a sensor that moves; None without `scene.burst`.
+    """The frames of least error of a sensor that moves.
 
-    Each frame has a length, a velocity at its begin and one at its end, and a place, and the stage
-    goes from one to the next in any way that its acceleration, top speed and travel allow, from
-    rest to rest. A stage of limited jerk pans, sweeps or follows a sine, as does one of more than
-    24 frames, or follows things and flies back. Of frames within 0.05 dB of the best those of the
-    simplest way are taken. One exposure alone, which nothing registers, is among them where the
-    scene's decoder is told the speed, or where there is no time for more. On a sensor of a known
-    width the frames are those that leave least error there.
+    Each frame has a length, a place, and velocities at its ends and, where there are few frames,
+    between them. The stage goes from one to the next in any way that its acceleration, top speed
+    and travel allow, from rest to rest. A stage of limited jerk pans, sweeps or follows a sine, as
+    does one of more than 24 frames, or follows things and flies back. Of frames within 0.05 dB of
+    the best those of the simplest way are taken. One exposure alone, which nothing registers, is
+    among them where the scene's decoder is told the speed, or where there is no time for more. On a
+    sensor of a known width the frames are those that leave least error there.
 
     Args:
         scene: Speeds, light, noise, limits and burst.
         progress: Called with the share of the search that is done.
+
+    Returns:
+        The frames; None without `scene.burst`, and where none are within the limits.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
@@ -225,9 +228,10 @@ def _chosen(
     best = min(near, key=lambda each: each.order).sequence
     kind = ONE_PARABOLA if best.num_frames == 1 else kind_of(best)
     best = best.for_rows(scene.sensor.readout_time, scene.limits)
-    psnr, worst = levels_of(scene, best.along)
     if best.moves and scene.sensor.is_rolling:
         psnr, worst = _levels_by_rows(scene, best)
+    else:
+        psnr, worst = levels_of(scene, best.along)
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
 
 
@@ -295,7 +299,7 @@ def sequence_of(frames: Frames, kind: str) -> Exposures:
         every = [replace(x, position=way + k % 2 * turns) for k, (x, way) in enumerate(pans)]
     first = every[0].position
     moved = (TimedFrame(x.motion, x.time, x.position - first) for x in every)
-    return Exposures(kind, tuple(moved), 0.0, 0.0, 0.0, pan)
+    return Exposures(kind, tuple(moved), pan=pan)
 
 
 def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:

@@ -22,6 +22,7 @@ from mishutter.evaluation.metrics import SequenceMetrics, evaluate
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
 from mishutter.evaluation.views import transmittance
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import AT_REST
 from mishutter.model.motion import AbstractMotion, LinearMotion, StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import BurstMode
@@ -29,7 +30,7 @@ from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.shutters.windows import RectShutter, TukeyShutter
-from mishutter.search.bursts import best_bursts, level_on_sensor
+from mishutter.search.bursts import best_bursts
 from mishutter.search.moving_frames import ONE_PARABOLA
 from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,
@@ -41,7 +42,6 @@ from mishutter.search.rows import (
     SHUTTER,
     SNAPSHOTS,
     STAGE,
-    STANDS_STILL,
     WORTH_IT,
     Row,
     choice_of,
@@ -291,11 +291,11 @@ def rows_of_bursts(still: Exposures, *moving: Exposures) -> list[Row]:
     """The rows of the burst at rest, of the best that moves, and of one without its stage."""
     found = {BEST_STILL_BURST: still}
     if moving:
-        found[BEST_MOVING_BURST] = best = max(moving, key=level_on_sensor)
+        found[BEST_MOVING_BURST] = best = max(moving, key=lambda burst: burst.level)
         # A camera that turns may do without the stage of the best.
-        alone = [x for x in moving if x.num_frames > 1 and x.stroke < STANDS_STILL <= best.stroke]
+        alone = [x for x in moving if x.num_frames > 1 and x.stroke < AT_REST <= best.stroke]
         if alone:
-            found[BEST_TURNED_BURST] = max(alone, key=level_on_sensor)
+            found[BEST_TURNED_BURST] = max(alone, key=lambda burst: burst.level)
     # One frame is no burst: it has rows of its own.
     return [_row_of_burst(name, each) for name, each in found.items() if each.num_frames > 1]
 
@@ -313,7 +313,7 @@ def _plain_stills(search: RivalSearch) -> list[Row]:
 
 def _row_of_burst(name: str, sequence: Exposures) -> Row:
     """A burst as a row, of the level of all its frames."""
-    levels = (level_on_sensor(sequence, at_worst=at_worst) for at_worst in (False, True))
+    levels = (sequence.level_of(at_worst=at_worst) for at_worst in (False, True))
     metrics = SequenceMetrics(1.0, *levels)
     parts = frozenset({STAGE, FRAMES})
     return Row(OWN_BEST_MOTION, name, sequence, None, metrics, KNOWN_SPEED, hardware=parts)

@@ -20,6 +20,7 @@ from mishutter.evaluation.speed_knowledge import (
 )
 from mishutter.model.devices import least_efficiency
 from mishutter.model.exposures import Exposures
+from mishutter.model.frame_path import AT_REST
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter
@@ -54,8 +55,6 @@ _PURCHASES = {
     frozenset({SHUTTER}): "a shutter",
     frozenset({STAGE, SHUTTER}): "both",
 }
-STANDS_STILL = 0.05
-"""Travel during the exposure below which a sensor counts as standing still; px."""
 LEAST_SHOWN = 0.005
 """Least difference of levels that two decimals show; dB."""
 _SAME_SHARE = 0.005
@@ -125,7 +124,7 @@ class Row:
         """
         efficiency = np.asarray(self.metrics.efficiency)
         is_open = efficiency >= min(1 - 1e-6, least_efficiency(efficiency.dtype))
-        stays = self.stroke < STANDS_STILL
+        stays = self.stroke < AT_REST
         idle = {STAGE: stays, SECOND_AXIS: stays, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
 
@@ -183,7 +182,7 @@ class Row:
         """Whether the pan of one exposure is more than counts as standing still."""
         if self.sequence is not None:
             return False
-        return abs(float(self.motion.velocity)) * float(self.motion.exposure) >= STANDS_STILL
+        return abs(float(self.motion.velocity)) * float(self.motion.exposure) >= AT_REST
 
     @property
     def pan_words(self) -> str:
@@ -233,7 +232,7 @@ class Row:
             return False
         (light, path), (other_light, other_path) = self._course, other._course
         is_light_alike = np.abs(light - other_light).sum() <= _SAME_SHARE * light.sum()
-        return bool(is_light_alike and np.abs(path - other_path).max() < STANDS_STILL)
+        return bool(is_light_alike and np.abs(path - other_path).max() < AT_REST)
 
     @property
     def level(self) -> float:
@@ -279,7 +278,7 @@ class Row:
         parts = [f"{three_digits(float(motion.exposure) * 1e3)} ms"]
         if self.pans:
             parts.append(f"pan {self.pan_words} px/s")
-        if float(motion.sag) >= STANDS_STILL:
+        if float(motion.sag) >= AT_REST:
             parts.append(f"stroke {self.stroke:.3g} px")
         return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
 

@@ -42,7 +42,7 @@ def test_frames_of_microseconds_have_times_of_their_own(scale, shown, capsys):
         exposures=np.array([4e-3, 3e-3]) * scale,
         text="two",
     )
-    _print_frames(SimpleNamespace(sequence=exposures, places={}))
+    _print_frames(SimpleNamespace(exposures=exposures, places={}))
     out = capsys.readouterr().out
     assert all(f" {time} " in out for time in shown)
 

@@ -359,7 +359,8 @@ def test_pictures_of_the_plane_are_the_dense_means():
     captures = dense.frames + 0.3
     planes = np.stack([captures, 0.5 * captures])
     decode = method_in_plane(EnsembleDecoder())
-    found = restored_in_plane(planes, dense.scene, dense.taken, decode, dense.velocity)
+    own = planes, dense.scene, dense.taken, decode, dense.velocity
+    found = restored_in_plane(*own, times=GLOBAL)
     level = np.mean(captures)
     dense.told = (captures - level).reshape(-1, 1)
     light = dense.light().reshape(dense.sensor)

@@ -22,8 +22,8 @@ from mishutter import (
 )
 from mishutter.evaluation.ceilings import ceiling, exposures_ceiling, water_filled
 from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid, power_of
-from mishutter.evaluation.levels import instants_of, left
-from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
+from mishutter.evaluation.levels import instants_of, left, psnr_of_error
+from mishutter.evaluation.open_frames import OpenFrames
 from mishutter.model.frame_path import PlaneFrames
 from mishutter.model.optics import frequencies
 from mishutter.pictures.images import Picture

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from mishutter.decoding.rolling import RowTimes
+from mishutter.pictures.images import Axis
 
 Velocity = Float[np.ndarray, "... 2"]
 """Velocities down and across; px/s."""
@@ -31,11 +32,11 @@ class Readout(NamedTuple):
     middle: float  # The one whose times are those of the frames
 
     @staticmethod
-    def of(times: RowTimes) -> "Readout":
-        """That of rows of some times."""
+    def of(times: RowTimes, axis: Axis) -> "Readout":
+        """That of rows of some times, in pictures that are turned as for an axis of motion."""
         count = times.delays.size
         line = float(times.delays[-1] - times.delays[0]) / max(count - 1, 1)
-        return Readout(line, 1 if times.is_along else 0, (count - 1) / 2)
+        return Readout(line, int(axis == "columns"), (count - 1) / 2)
 
     def seen(self, velocity: Velocity) -> Velocity:
         """The velocities at which frames show things."""

@@ -15,8 +15,8 @@ from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import EnsembleDecoder
 from mishutter.decoding.decoders.plug_and_play import PlugAndPlayDecoder
 from mishutter.decoding.decoders.speed import luminance_shares
-from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
 from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
+from mishutter.decoding.likeliest import electrons_of
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.composite import (
     Alone,
@@ -29,12 +29,11 @@ from mishutter.decoding.objects.finding import Told, found_in
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, light_of
 from mishutter.decoding.objects.readout import Readout
 from mishutter.decoding.objects.stills import Stills
-from mishutter.decoding.rolling import GLOBAL, RowTimes
+from mishutter.decoding.rolling import RowTimes
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
-from mishutter.model.frame_path import PlaneFrames, TimedFrame
+from mishutter.model.frame_path import AT_REST, PlaneFrames, TimedFrame
 from mishutter.model.scene import Scene
-from mishutter.model.sensor import white_electrons
 from mishutter.pictures.images import Axis, Picture, transposed
 from mishutter.pictures.registration.windows import Window
 
@@ -44,8 +43,6 @@ _LEAST_SHARE = 0.5
 """Share of an object's pixels, away from its outline, that have to be trusted."""
 _WIDEST = 1.0
 """Standard error of an object's way over the frames above which it is not trusted; px."""
-_AT_REST = 0.05
-"""Way of a sensor over the frames within which it stands still; px."""
 _PART = 1.5
 """Way of a layer over a part of an exposure; px."""
 
@@ -103,9 +100,9 @@ def is_at_rest(frames: Sequence[TimedFrame] | PlaneFrames) -> bool:
     if isinstance(frames, PlaneFrames):
         times = np.asarray(frames.times)
         places = np.asarray(frames.place(np.linspace(times[0], times[-1], 65)))
-        return float(np.max(np.ptp(places, axis=1))) < _AT_REST
+        return float(np.max(np.ptp(places, axis=1))) < AT_REST
     places = [float(frame.position) for frame in frames]
-    return all(frame.is_still for frame in frames) and float(np.ptp(places)) < _AT_REST
+    return all(frame.is_still for frame in frames) and float(np.ptp(places)) < AT_REST
 
 
 def restored_objects(
@@ -115,27 +112,24 @@ def restored_objects(
     decoder: AbstractDecoder,
     known: Known,
     *,
-    progress: Progress | None = None,
+    report: Progress,
 ) -> RestoredObjects:
     """The picture at the middle of frames, object by object.
 
     The planes of a scene along one axis are turned so that things move along their rows. Things are
     found in the frames of a sensor at rest among them, and restored from all.
     """
-    subject, axis = "restore_frames(frames=...)", scene.sensor.axis
-    in_plane = isinstance(frames, PlaneFrames)
-    rows = RowTimes.of(scene.sensor, planes.shape) if scene.sensor.is_rolling else GLOBAL
+    subject, in_plane = "restore_frames(frames=...)", isinstance(frames, PlaneFrames)
+    axis: Axis = "rows" if in_plane else scene.sensor.axis
+    times = RowTimes.of(scene.sensor, planes.shape, in_plane=in_plane)
     words = "be of a sensor at rest where rows are exposed one after another before a background"
-    is_seen = is_at_rest(frames) or not rows.is_rolling
+    is_seen = is_at_rest(frames) or not times.is_rolling
     require(is_seen, subject, words, Unquoted("frames of one that moves"))
     require(planes.shape[1] > 1, subject, "be two at least to tell objects", planes.shape[1])
-    decoder = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
     is_known = isinstance(decoder, EnsembleDecoder | TotalVariationDecoder | PlugAndPlayDecoder)
     words = "be EnsembleDecoder, TotalVariationDecoder or PlugAndPlayDecoder for objects"
     require(is_known, "restore_frames(decoder=...)", words, type(decoder).__name__)
-    report = (lambda text, share: None) if progress is None else progress
-    axis: Axis = "rows" if in_plane else axis
-    readout = Readout.of(rows)
+    readout = Readout.of(times, axis)
     grey, alone = stills_of(planes, scene, frames, readout)
     told = _told(known, axis, readout, in_plane=in_plane, shape=grey.shape)
     if told.labels is None or told.velocities is None:
@@ -179,7 +173,7 @@ def _set_right(whole: _Whole, readout: Readout, shown: list[list[np.ndarray]]) -
     """The picture as it is at one time, by that of rows that are exposed one after another.
 
     Args:
-        whole: The latter.
+        whole: The picture as those rows show it.
         readout: The times of the rows.
         shown: Light of the layers in it, in each colour.
     """
@@ -222,9 +216,7 @@ def stills_of(
     else:
         exposures, times = np.array([[one.exposure, one.time] for one in frames]).T
         moves = (False, True)
-    electrons = np.asarray(white_electrons(float(scene.photon_rate), exposures), np.float64)
-    has_light, words = float(electrons.min()) > 0, "have a photon rate above 0 e-/s"
-    require(has_light, "restore_frames(scene=...)", words, float(electrons.min()))
+    electrons = electrons_of(scene, exposures)
     shares = luminance_shares(len(planes))
     square, read = float(shares @ shares), float(scene.read_noise)
     fastest = float(scene.max_speed)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mishutter.evaluation.instants import NODES, Instants
+from mishutter.model.frame_path import AT_REST
 from mishutter.pictures.registration.windows import splines
 
 _ALIKE = 1.3
@@ -16,9 +17,6 @@ _MIDDLE = 0.3
 """Level at which frames are weighed."""
 _DARKEST = 0.002
 """Level below which noise is taken to be that of this level, as counts below 0 say nothing."""
-_AT_REST = 0.05
-"""Way of a sensor within which it stands still; px."""
-
 
 Level = np.ndarray | np.floating | float
 """Levels of pixels, of any shape; white = 1."""
@@ -77,7 +75,7 @@ class Stills:
                 parts.append(alone)
                 continue
             time, place, weight, _ = instants.some(k)
-            if np.max(np.ptp(place, axis=1)) < _AT_REST:
+            if np.max(np.ptp(place, axis=1)) < AT_REST:
                 parts.append(alone._replace(place=place @ weight))
                 continue
             panels = (x.reshape(-1, NODES) for x in (time, weight, *place))
@@ -184,4 +182,4 @@ class Stills:
         is_alike = (self.exposures >= exposure * 0.999) & (self.exposures <= exposure * _ALIKE)
         places = self.ways(np.zeros(2))
         beside = np.max(np.abs(places - places[self.middle]), axis=1)
-        return is_alike & self.rests & (beside < _AT_REST)
+        return is_alike & self.rests & (beside < AT_REST)
