@@ -72,7 +72,7 @@ def test_a_burst_says_that_its_stage_travels_too_far(travel, tmp_path, capsys):
     """Beside the table that has the path; without a limit there is nothing to say."""
     limits = Limits(max_travel=travel, max_acceleration=1.4e6, max_stroke=40.0)
     table = frame_table(a_burst_design(limits=limits), num_steps=13)
-    assert "stage.csv" in _write(table, tmp_path, FormatName("csv"))
+    assert "stage.csv" in _write(table, tmp_path, FormatName("csv"), returns=False)
     assert (tmp_path / "stage.csv").exists()
     said = " ".join(capsys.readouterr().err.split())
     assert ("stage.csv travels" in said) == (travel is not None)
@@ -85,7 +85,7 @@ def test_a_camera_that_turns_is_told_of(pan, words, tmp_path, capsys):
     """Beside the files, which are for the stage and the shutter."""
     design = a_plane_design() if np.ndim(pan) else a_burst_design()
     own = replace(design, sequence=replace(design.sequence, pan=pan))
-    _write(frame_table(own, num_steps=64), tmp_path, FormatName("csv"))
+    _write(frame_table(own, num_steps=64), tmp_path, FormatName("csv"), returns=False)
     said = " ".join(capsys.readouterr().err.split())
     if words is None:
         assert "the camera turns" not in said
@@ -139,7 +139,7 @@ def test_a_burst_whose_stage_has_no_limit_has_no_path(tmp_path, capsys):
     at_rest = replace(SEQUENCE, frames=tuple(stills), travel=0.0)
     for sequence, is_said in ((SEQUENCE, True), (at_rest, False)):
         table = frame_table(a_burst_design(sequence, limits=limits), num_steps=13)
-        files = _write(table, tmp_path, FormatName("csv"))
+        files = _write(table, tmp_path, FormatName("csv"), returns=False)
         assert files == ["drive.csv", "frames.csv", "drive.png"]
         said = "no limit sets the run-up of the stage" in " ".join(capsys.readouterr().err.split())
         assert said == is_said
