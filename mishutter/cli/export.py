@@ -1,5 +1,6 @@
 """The command that hands a design to the electronics: `export`."""
 
+import math
 import sys
 from collections.abc import Mapping
 from enum import Enum
@@ -274,8 +275,15 @@ def _write(
 def _print_frames(table: "FrameTable") -> None:
     """Prints when frames are exposed, and where the sensor or its stage is then."""
     taken = table.exposures
+    # A tenth of the shortest exposure is shown.
+    decimals = max(2, 1 - math.floor(math.log10(1e3 * min(taken.exposures))))
     rows = [
-        [str(k), f"{time * 1e3:.2f}", three_digits(exposure * 1e3), *(f"{x:.2f}" for x in places)]
+        [
+            str(k),
+            f"{time * 1e3:.{decimals}f}",
+            three_digits(exposure * 1e3),
+            *(f"{x:.2f}" for x in places),
+        ]
         for k, (time, exposure, *places) in enumerate(
             zip(taken.times, taken.exposures, *table.places.values(), strict=True), 1
         )

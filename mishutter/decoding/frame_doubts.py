@@ -89,22 +89,25 @@ def doubt_of_rows(
 
     Counts are those of pixels, by how many along a side are binned. Readouts are tried on the
     largest: of a global shutter longer ones, unless a shorter one adds a quarter to what is above
-    1, and of a rolling one half, twice, reversed and none of its own. The best is judged there and
-    on the finer ones, whose detail counts as noise in larger: where there is a misfit it leads in
-    likelihood, by an eighth of what is above 1 at least. Noise of bright points in the dark is
-    there too, whatever the readout.
+    1, and of a rolling one half, twice, reversed and none of its own, which holds where it is the
+    best of these. The best is judged there and on the finer ones, whose detail counts as noise in
+    larger: where there is a misfit it leads in likelihood, by an eighth of what is above 1 at
+    least. Noise of bright points in the dark is there too, whatever the readout.
     """
     coarse, own = max(counts), sensor.readout_time
     misfit, shares = misfit_by(sensor, coarse), (0.25 * exposure, 0.5 * exposure, exposure)
     least, best = math.inf, sensor
     for readout in (0.0, own / 2, own, 2 * own) if own else shares:
         ways: tuple[RowsRead, ...] = ("down", "up") if readout else (sensor.rows_read,)
-        tried = [replace(sensor, readout=readout, rows_read=way) for way in ways]
+        every = [replace(sensor, readout=readout, rows_read=way) for way in ways]
+        tried = [x for x in every if not (own == readout and x.rows_read == sensor.rows_read)]
         misfits = [misfit_by(each, coarse) for each in tried]
         if min(misfits) < least:
             least, best = min(misfits), tried[int(np.argmin(misfits))]
         if not own and min(misfits) - misfit > 0.25 * (misfit - 1):
             break
+    if own and least >= misfit:
+        return ""
     for size in sorted(counts, reverse=True):
         if size != coarse:
             misfit, least = misfit_by(sensor, size), misfit_by(best, size)

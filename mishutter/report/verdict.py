@@ -358,7 +358,7 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     travel, top_speed = float(use.travel), float(use.top_speed)
     if choice.is_in_plane:
         travel, top_speed = _at_most(travel), _at_most(top_speed)
-        axes = ", both axes" if scene.limits.axes == "disc" else ", each axis"
+        axes = {"one": "", "each": ", each axis", "disc": ", both axes"}[scene.limits.axes]
     pitch = scene.sensor.pixel_pitch
     numbers = _stage_numbers(travel, top_speed, float(use.acceleration), pitch)
     run_up = "run-up from rest included"

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,9 +26,25 @@ from mishutter.cli.export import (
     _note_ends,
     _note_motion_at_ends,
     _note_what_to_set,
+    _print_frames,
     _write,
 )
 from mishutter.design.design import given_design
+
+
+@pytest.mark.parametrize(
+    ("scale", "shown"), [(1.0, ("-30.00", "-7.50")), (1e-3, ("-0.0300", "-0.0075"))]
+)
+def test_frames_of_microseconds_have_times_of_their_own(scale, shown, capsys):
+    """The middle of a frame is told to a tenth of the shortest exposure."""
+    exposures = SimpleNamespace(
+        times=np.array([-0.03, -0.0075]) * scale,
+        exposures=np.array([4e-3, 3e-3]) * scale,
+        text="two",
+    )
+    _print_frames(SimpleNamespace(exposures=exposures, places={}))
+    out = capsys.readouterr().out
+    assert all(f" {time} " in out for time in shown)
 
 
 def test_a_shutter_stands_at_its_first_level_for_its_settling_time(capsys):

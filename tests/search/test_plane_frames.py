@@ -390,6 +390,8 @@ def test_a_run_up_that_nothing_limits_is_said():
     assert "each axis, run-up from rest included." in text
     text = " ".join(answer_in_plane(a_scene(Limits(max_stroke=24.0)), search).text().split())
     assert "each axis, reached at once, as [limits] max_acceleration_g or _px_per_s2 says" in text
+    alone = Limits(max_stroke=24.0, axes="one")
+    assert "axis, reached" not in " ".join(answer_in_plane(a_scene(alone), search).text().split())
 
 
 def test_a_camera_that_turns_leaves_its_stage_where_it_is():
