@@ -706,6 +706,26 @@ def test_a_thing_that_is_drawn_nowhere_is_left_out(monkeypatch):
     assert found.things == [kept]
 
 
+def test_no_outline_is_drawn_anew_of_a_thing_that_has_none(monkeypatch):
+    """Of several that the last look draws nowhere one is left out for its little evidence."""
+    found, areas = arrangement(), []
+    for thing, left in zip(found.things, (5, 8), strict=True):
+        thing.matte = np.zeros(SHAPE, np.float32)
+        thing.matte[5:20, left : left + 20] = 1
+
+    def drawn(arrangement, *, at_edges=False):
+        areas.append([thing.area for thing in arrangement.things])
+        for thing in arrangement.things:
+            is_last, thing.evidence = len(areas) == finding._ROUNDS, 1e4
+            thing.matte = np.zeros(SHAPE, np.float32) if is_last else thing.matte
+
+    monkeypatch.setattr(finding, "cut_out", drawn)
+    monkeypatch.setattr(finding, "candidates", lambda stills, velocities: found)
+    assert finding.found_in(found.stills, finding.Told(np.array(VELOCITIES))).things == []
+    assert all(area > 0 for each in areas for area in each)
+    assert [len(each) for each in areas] == [2] * finding._ROUNDS + [0, 0]
+
+
 @pytest.mark.parametrize(
     ("errors", "evidence", "tells"),
     [

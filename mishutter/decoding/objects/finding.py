@@ -74,6 +74,7 @@ def found_in(
         if turn:
             _drop_weakest(arrangement)
         arrangement.place()
+        _drop_empty(arrangement)
     for half in range(2):
         report("outlines from pixels that show two things", 0.75 + 0.1 * half)
         _sharpen(arrangement)
