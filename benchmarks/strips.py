@@ -48,8 +48,8 @@ GROUPS = {
     "plane": ("in any direction, fresh", range(6), True),
 }
 """Scenes: their name in the table, their seeds, and whether things move in any direction."""
-NUM_FOUND = {"fitted": 4}
-"""Scenes of a group in which speeds are found too."""
+NUM_FOUND = 4
+"""Scenes of each group in which speeds are found too."""
 STILLS = "four stills, ms, at 50/s, 1e5 e-/s, 8 e-"
 MEAN, DEVIATION = "restored less level, mean of all", "the same, deviation of a scene"
 TEXT = """## Levels before a background, told and reached
@@ -187,7 +187,7 @@ def main(*names: str) -> None:
     for name in names or GROUPS:
         every = [row for row in every if row.get("group") != name]
         for count, seed in enumerate(GROUPS[name][1]):
-            every += measured(name, seed, finds=count < NUM_FOUND.get(name, 0))
+            every += measured(name, seed, finds=count < NUM_FOUND)
             print(f"{name} {seed}: {time.process_time():.0f} processor seconds", flush=True)
         harness.write("strips", every)
     shown(every)

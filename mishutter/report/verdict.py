@@ -416,10 +416,15 @@ def _on_objects(layers: Occlusion | None) -> str:
     if not layers.has_edges:
         return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
     return (
-        "Levels of frames include what edges cost `restore` where it is told the speeds and finds "
-        "the outlines, in the mean over photographs at 1e5 e-/s: a single one is 2 dB above or "
-        f"below. Where it finds the speeds too, it loses 1 dB more. {why}"
+        "Levels of frames include what edges cost `restore`, in the mean over photographs at 1e5 "
+        f"e-/s: a single one is 2 dB above or below. {why}"
     )
+
+
+def _as_known(layers: Occlusion) -> str:
+    """The way in which levels of frames before a background take velocities to be known."""
+    is_counted = layers.background == "still" and layers.has_edges
+    return "found from the frames, as outlines are" if is_counted else "told"
 
 
 def _assumptions(scene: Scene, choice: Row) -> str:
@@ -431,12 +436,12 @@ def _assumptions(scene: Scene, choice: Row) -> str:
         if choice.num_frames == 1:
             decoder = "the decoder knows the velocity"
         elif scene.occlusion is not None:
-            decoder = "velocities are told"
+            decoder = f"velocities are {_as_known(scene.occlusion)}"
         beside = _on_borders(scene, choice)
     elif frames is not None:
         decoder = "frames are registered without error"
         if scene.occlusion is not None:
-            decoder = "speeds are told"
+            decoder = f"speeds are {_as_known(scene.occlusion)}"
         if choice.name == PLAIN_STILLS:
             decoder = f"a camera that takes {PLAIN_RATE:.0f} frames/s; {decoder}"
     elif not choice.decoder.knows_speed or choice.hides_speed:

@@ -584,7 +584,8 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     assert ("in the mean over photographs" in said) == (background == "still")
     what = "objects 83 px wide that cover 37% of the picture"
     assert f"{what}, before a {words} with detail" in said
-    assert "(before one that is dark and empty say [objects]); speeds are told; " in said
+    known = {"still": "found from the frames, as outlines are", "moving": "told"}[background]
+    assert f"(before one that is dark and empty say [objects]); speeds are {known}; " in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
     parts = Occlusion(front_share=0.37, background=background)
