@@ -393,7 +393,7 @@ def test_a_velocity_is_sought_in_few_binned_frames_and_then_in_all(monkeypatch):
     assert (found.step, found.level.canvas.size) == (pytest.approx(steps[-1]), 2)
     assert abs(found.ends[0].best[0] - truth) <= found.step / 2
     first = looks[0][2]
-    assert found.middle == pytest.approx(
+    assert found.below_top == pytest.approx(
         np.median(np.square(first - truth)) - np.min(np.square(first - truth))
     )
 
