@@ -59,6 +59,11 @@ def namespace_of(*values: object) -> ModuleType:
     return np if all(isinstance(x, np.ndarray) for x in values) else jnp
 
 
+def space_of(*values: object) -> ModuleType:
+    """`jax.numpy` if any of `values` is an array of JAX, NumPy otherwise, as for plain numbers."""
+    return jnp if any(isinstance(x, Array) for x in values) else np
+
+
 def as_array_like(value: object, parameter: Any) -> Any:
     """Converts a concrete parameter to NumPy if `value` is a NumPy array."""
     is_numpy = isinstance(value, np.ndarray) and is_concrete(parameter)

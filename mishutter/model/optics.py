@@ -15,6 +15,7 @@ from mishutter._core.checks import (
     as_float,
     namespace_of,
     require_number,
+    space_of,
 )
 from mishutter._core.modules import AbstractModule
 
@@ -120,7 +121,7 @@ def lens_response(
     frequency: Float[Array | np.ndarray, "*shape"], lens_blur: ArrayLike
 ) -> Float[Array | np.ndarray, "*shape"]:
     r"""Response $e^{-2\pi^2\sigma^2 f^2}$ of a Gaussian of deviation $\sigma$, px."""
-    space = jnp if isinstance(frequency, jax.Array) else np
+    space = space_of(frequency)
     return space.exp(-2 * (np.pi * lens_blur * frequency) ** 2)
 
 
@@ -128,5 +129,5 @@ def pixel_response(
     frequency: Float[Array | np.ndarray, "*shape"], lens_blur: ArrayLike
 ) -> Float[Array | np.ndarray, "*shape"]:
     r"""Response $\operatorname{sinc}(f)\,e^{-2\pi^2\sigma^2 f^2}$ of a pixel behind the lens."""
-    space = jnp if isinstance(frequency, jax.Array) else np
+    space = space_of(frequency)
     return space.sinc(frequency) * lens_response(frequency, lens_blur)

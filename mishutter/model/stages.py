@@ -18,15 +18,20 @@ any acceleration at either end. A run-out is such a run-up backwards.
 
 import math
 from collections.abc import Iterable
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from mishutter._core.checks import Numbers, require, require_finite, require_known, require_number
+from mishutter._core.checks import (
+    Numbers,
+    require,
+    require_finite,
+    require_known,
+    require_number,
+    space_of,
+)
 from mishutter._core.slopes import largest_of, safe_sqrt
 from mishutter.model.motion import AbstractMotion
 
@@ -78,7 +83,7 @@ class Knots(NamedTuple):
         is_linear = all(isinstance(jerk, float) and jerk == 0 for jerk in jerks)
         # Every number takes part, so that all arrays have the shape and the type of all.
         nothing = sum(0 * (duration + end + jerk) for duration, end, jerk in pieces)
-        space = _space(nothing)
+        space = space_of(nothing)
 
         def joined(values: Iterable[Number]) -> Numbers:
             return space.stack([nothing + x for x in values], axis=-1)
@@ -102,7 +107,7 @@ class Knots(NamedTuple):
     @property
     def positions(self) -> Numbers:
         """Positions from that at the first knot; px."""
-        space, d = _space(self.durations, self.velocities), self.durations
+        space, d = space_of(self.durations, self.velocities), self.durations
         ways = d * (self.velocities[..., :-1] + self.velocities[..., 1:]) / 2
         if self.jerks is not None:
             ways = ways - self.jerks * d**3 / 12
@@ -124,7 +129,7 @@ class Knots(NamedTuple):
     def use(self) -> StageUse:
         """Its demands on a stage, turning points within its pieces included."""
         d, v, jerks, first, last = self
-        space, begin, end = _space(d, v), v[..., :-1], v[..., 1:]
+        space, begin, end = space_of(d, v), v[..., :-1], v[..., 1:]
         places, gain = self.positions, end - begin
         if jerks is None:
             bend = jerk = 0 * gain
@@ -166,7 +171,7 @@ class Knots(NamedTuple):
         before = run_up(start, begin, max_acceleration, max_jerk)
         # Backwards in time a run-out is a run-up to the opposite velocity.
         after = run_up(-stop, end, max_acceleration, max_jerk)[::-1]
-        nothing, space = 0 * start, _space(start)
+        nothing, space = 0 * start, space_of(start)
 
         def joined(first: list[Number], middle: Numbers, last: list[Number]) -> Numbers:
             low, high = ([(nothing + x)[..., None] for x in each] for each in (first, last))
@@ -213,19 +218,19 @@ class Knots(NamedTuple):
 def _lasts(durations: Numbers) -> Numbers:
     """Whether each piece is longer than one that rounding makes, whose velocities say nothing."""
     least = 64 * np.finfo(durations.dtype).eps
-    return durations > least * _space(durations).sum(durations, axis=-1, keepdims=True)
+    return durations > least * space_of(durations).sum(durations, axis=-1, keepdims=True)
 
 
 def _share(part: Number, whole: Number) -> Numbers:
     """A quotient where it is between 0 and 1; 0 elsewhere."""
-    space = _space(part, whole)
+    space = space_of(part, whole)
     is_within = ((part > 0) == (whole > 0)) & (part != 0) & (abs(part) < abs(whole))
     return space.where(is_within, part / space.where(is_within, whole, 1.0), 0.0)
 
 
 def _roots(square: Numbers, linear: Numbers, constant: Numbers) -> list[Numbers]:
     """The shares of a piece at which a velocity is 0, without a difference of like numbers."""
-    space = _space(square, linear, constant)
+    space = space_of(square, linear, constant)
     left = linear * linear - 4 * square * constant
     root = safe_sqrt(left)
     half = -(linear + space.where(linear < 0, -root, root)) / 2
@@ -246,7 +251,7 @@ def run_up(
     if max_jerk is None:
         most = np.inf if max_acceleration is None else max_acceleration
         return [Piece(abs(velocity) / most, velocity)]
-    space = _space(velocity, acceleration)
+    space = space_of(velocity, acceleration)
     ramp = abs(acceleration) / max_jerk
     before = velocity - acceleration * ramp / 2
     speed, sign = abs(before), space.sign(before)
@@ -262,11 +267,6 @@ def run_up(
         Piece(rise, before, -sign * max_jerk),
         Piece(ramp, velocity, space.sign(acceleration) * max_jerk),
     ]
-
-
-def _space(*values: object) -> ModuleType:
-    """JAX's NumPy where a value is an array of JAX."""
-    return jnp if any(isinstance(value, jax.Array) for value in values) else np
 
 
 def stage_use(
